@@ -19,11 +19,11 @@ from typing import Any
 
 from pydantic import TypeAdapter
 
+from vsr2.analysis.intervals import Score
 from vsr2.blind.form.diagnosis_form import Verdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import commitment, write_json
 from vsr2.blind.scoring.cases import Case, case_of
-from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.leaks import Leak
 from vsr2.blind.scoring.packs import SCORES
 from vsr2.blind.scoring.score import ScoreCode, leading_class, magnitude, right, score_cases, wrong

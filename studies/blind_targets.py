@@ -17,9 +17,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from blind_results import read_parts
+from vsr2.analysis.intervals import Score
 from vsr2.blind.form.pack_settings import EngineName, Kind
 from vsr2.blind.scoring.cases import Case, engine_group
-from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.score import ScoreCode, Scores, is_named, right, score_cases, wrong
 from vsr2.campaign import TIERS
 from vsr2.report.text import markdown_table

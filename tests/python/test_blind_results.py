@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-import vsr2.blind.scoring.intervals as intervals
+import vsr2.analysis.intervals as intervals
 from blind_check import score
 from blind_results import (
     RECORD,

@@ -9,12 +9,7 @@ import pytest
 
 from blind_samples import diagnosis, effect, hand_made
 from scored_campaigns import CAMPAIGNS, VERDICTS
-from vsr2.blind import score_pack
-from vsr2.blind.custodian.engine import build_engine
-from vsr2.blind.form.diagnosis_form import Location
-from vsr2.blind.form.seal import open_key
-from vsr2.blind.scoring.cases import groups, read_cases
-from vsr2.blind.scoring.intervals import (
+from vsr2.analysis.intervals import (
     Score,
     area_under_roc,
     calibration_error,
@@ -22,6 +17,11 @@ from vsr2.blind.scoring.intervals import (
     proportion,
     resampled,
 )
+from vsr2.blind import score_pack
+from vsr2.blind.custodian.engine import build_engine
+from vsr2.blind.form.diagnosis_form import Location
+from vsr2.blind.form.seal import open_key
+from vsr2.blind.scoring.cases import groups, read_cases
 from vsr2.blind.scoring.score import (
     ScoreCode,
     axis_named,

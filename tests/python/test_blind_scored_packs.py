@@ -10,13 +10,13 @@ from blind_check import pool_packs
 from blind_samples import hand_made, same_folders
 from diagnosis_content import CONTENT
 from scored_campaigns import CAMPAIGNS, VERDICTS
+from vsr2.analysis.intervals import (
+    INTERVALS,
+)
 from vsr2.blind import score_pack
 from vsr2.blind.form.diagnosis_form import read_verdict, verdict_of
 from vsr2.blind.scoring.baselines import BASELINE
 from vsr2.blind.scoring.cases import GROUPS
-from vsr2.blind.scoring.intervals import (
-    INTERVALS,
-)
 from vsr2.blind.scoring.leaks import LEAKS
 from vsr2.blind.scoring.metadata import METADATA
 from vsr2.blind.scoring.score import (

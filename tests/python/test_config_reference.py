@@ -1,15 +1,21 @@
 """The reference of keys and the JSON schema follow the models."""
 
+import runpy
 from pathlib import Path
+from typing import Annotated
 
 import jsonschema
 import pytest
 import yaml
 
+from vsr2.calibration.calibration_study import CalibrationSettings
 from vsr2.config import reference_markdown, study_from_mapping, study_schema
-from vsr2.config.schema import variants
+from vsr2.config.reference import keys_markdown
+from vsr2.config.schema import all_sections, variants
 from vsr2.config.section import Section
+from vsr2.config.sources import Source, source_of
 from vsr2.config.study import Study
+from vsr2.fragility.settings import FragilitySettings
 
 ROOT = Path(__file__).parents[2]
 
@@ -23,12 +29,39 @@ def sections(section: type[Section] = Study):
 
 
 def test_the_committed_reference_is_the_generated_one():
-    committed = (ROOT / "docs" / "reference" / "configuration.md").read_text(encoding="utf-8")
-    assert committed == reference_markdown(), (
-        "docs/reference/configuration.md is old; write it again: python -c "
-        "'import vsr2.config as c; "
-        'open("docs/reference/configuration.md", "w").write(c.reference_markdown())\''
-    )
+    pages = runpy.run_path(str(ROOT / "scripts" / "reference.py"))["pages"]()
+    assert {"configuration.md", "calibration_fragility.md"} <= {path.name for path in pages}
+    for path, text in pages.items():
+        assert path.read_text(encoding="utf-8") == text, (
+            f"{path.name} is old; write it again: python scripts/reference.py"
+        )
+
+
+def numeric(value) -> bool:
+    if isinstance(value, tuple):
+        return bool(value) and all(map(numeric, value))
+    return isinstance(value, int | float) and not isinstance(value, bool)
+
+
+@pytest.mark.parametrize("root", [Study, CalibrationSettings, FragilitySettings])
+def test_every_numeric_default_states_its_source(root):
+    for place, section in all_sections(root):
+        for key, field in section.model_fields.items():
+            if numeric(field.default):
+                assert source_of(field), f"{'.'.join((*place, key))}: name a source"
+
+
+def test_a_default_without_a_source_has_an_empty_cell():
+    class Bare(Section):
+        """Nothing."""
+
+        length: float = 1.0
+        """Of it [m]."""
+        width: Annotated[float, Source("measured")] = 2.0
+        """Across [m]."""
+
+    rows = keys_markdown(Bare).splitlines()[2:]
+    assert [row.split("|")[-2].strip() for row in rows] == ["", "measured"]
 
 
 def test_every_key_is_in_the_reference_with_its_meaning():

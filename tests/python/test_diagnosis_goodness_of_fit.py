@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from vsr2.diagnosis.posterior.goodness_of_fit import (
-    discrepancy,
     fit_probability,
-    gap_free_discrepancies,
+    gap_free_misfits,
+    misfit,
 )
 from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard
 
@@ -43,7 +43,7 @@ def test_a_tail_probability_counts_the_observed_campaign() -> None:
 
 
 def test_the_discrepancy_is_a_mean_square() -> None:
-    assert discrepancy(np.array([[3.0, 4.0], [0.0, 1.0]])) == pytest.approx([12.5, 0.5])
+    assert misfit(np.array([[3.0, 4.0], [0.0, 1.0]])) == pytest.approx([12.5, 0.5])
 
 
 def test_campaigns_without_effect_are_standardised_by_others() -> None:
@@ -51,20 +51,20 @@ def test_campaigns_without_effect_are_standardised_by_others() -> None:
     copies, plain, fold = simulated(0, count=20, chance=np.full(TRIALS, 1e-9))
     for outcome, _ in copies:
         outcome[0, 0] = 1.0
-    own = gap_free_discrepancies(copies, plain, fold)
+    own = gap_free_misfits(copies, plain, fold)
     all_of_them = Standard.of(
         np.concatenate([o for o, _ in copies]),
         np.concatenate([f for _, f in copies]),
         np.tile(plain, len(copies)),
     )
-    within = discrepancy(all_of_them.residuals(copies[1][0][:1], copies[1][1][:1]))[0]
+    within = misfit(all_of_them.residuals(copies[1][0][:1], copies[1][1][:1]))[0]
     assert own[-1] > 1.5 * within
     assert own.size == 2 * plain.sum()
     assert (np.diff(own) >= 0).all()
 
 
 def test_new_campaigns_without_effect_seldom_misfit_and_others_do() -> None:
-    known = gap_free_discrepancies(*simulated(1))
+    known = gap_free_misfits(*simulated(1))
     copies, plain, _ = simulated(1)
     standard = Standard.of(
         np.concatenate([o for o, _ in copies]),
@@ -75,7 +75,7 @@ def test_new_campaigns_without_effect_seldom_misfit_and_others_do() -> None:
 
     def shares(chance):
         made = outcomes(400, rng, chance)
-        sizes = discrepancy(standard.residuals(made, blank(made)))
+        sizes = misfit(standard.residuals(made, blank(made)))
         p = np.array([fit_probability(float(one), known) for one in sizes])
         return (p < 0.01).mean(), p.mean()
 

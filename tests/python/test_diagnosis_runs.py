@@ -223,3 +223,24 @@ def test_far_processes_change_nothing(folder, stated, tmp_path) -> None:
         line = command(folder, tmp_path / "far", "--scheduler", cluster.scheduler_address)
         assert main([*line, "--quiet"]) == 0
     assert content(tmp_path / "far") == stated
+
+
+def test_a_finished_diagnosis_is_checked_by_the_same_command(folder, stated, capsys) -> None:
+    out = folder / "one"
+    diagnosis = (out / "diagnosis.json").read_bytes()
+    assert main([*command(folder, out), "--check", "6"]) == 0
+    told = capsys.readouterr().out
+    assert "6 campaigns planted, which training did not see" in told
+    assert (out / "posterior_check.png").is_file()
+    checked = json.loads((out / "posterior_check.json").read_text())
+    assert checked["provenance"]["excluded"] == stated["provenance"]["excluded"]
+    assert checked["planted"] == 6
+    assert (out / "diagnosis.json").read_bytes() == diagnosis
+
+
+def test_a_check_with_other_options_is_refused(folder, stated, capsys) -> None:
+    line = [*command(folder, folder / "one"), "--check", "6"]
+    assert main([*line, "--nuisance", "friction=0.3"]) == 2
+    assert "is of another campaign, scene, prior or nuisance" in capsys.readouterr().err
+    assert main([*line, "--iterate"]) == 2
+    assert "does not go with --iterate" in capsys.readouterr().err

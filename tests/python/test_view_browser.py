@@ -12,7 +12,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from headless import NEEDS_BROWSER, open_browser
+from headless import NEEDS_BROWSER, open_browser, show_at
 from synthetic_results import falling_log, make_result
 from vsr2.results import save_models, save_result
 from vsr2.scene import Box
@@ -154,6 +154,31 @@ def test_contacts_are_drawn(browser: Any, live: ReplayServer) -> None:
 
     live.show(1.0)
     wait_for(lambda: red() > 2e-4, "red contact points")
+
+
+PANEL = """
+    let found = [...document.querySelectorAll("*")].find((one) => one.textContent === "Trial");
+    while (found && getComputedStyle(found).position !== "fixed") found = found.parentElement;
+    return found ? found.getBoundingClientRect().top : null;"""
+"""Top of the panel that holds the controls [px]."""
+
+
+def test_the_panel_leaves_the_rocks_foot_free_on_a_phone(browser: Any, live: ReplayServer) -> None:
+    live.show(0.0)
+    show_at(browser, 420, 900)
+    try:
+        wait_for(lambda: browser.execute_script(PANEL) is not None, "panel of a phone")
+        wait_for(lambda: rock_pixels(picture(browser)).any(), "rock")
+        top = browser.execute_script(PANEL)
+        foot = int(np.flatnonzero(rock_pixels(picture(browser)).sum(axis=1) > 5).max())
+        # A rock that the panel covers would end where the panel begins.
+        assert foot < top - 10
+        assert not browser.execute_script(
+            "return [...document.querySelectorAll('*')].some("
+            "(one) => one.textContent === 'Slip x, y [mm]' && one.offsetHeight > 0)"
+        )
+    finally:
+        browser.execute_cdp_cmd("Emulation.clearDeviceMetricsOverride", {})
 
 
 def test_play_and_pause(browser: Any, live: ReplayServer) -> None:

@@ -18,6 +18,17 @@ from vsr2.config.motion_source import AllRecordings
 from vsr2.config.problems import shown
 from vsr2.config.schema import extended_schema
 from vsr2.config.section import FilePath, NonNegative, Real, Section
+from vsr2.config.sources import (
+    DESIGN,
+    EXACT_START,
+    OFF,
+    PROFILE,
+    REFINE,
+    RESAMPLES,
+    SMALLEST_GAIN,
+    SUPPLEMENT_SEARCH,
+    TEN_FOLDS,
+)
 from vsr2.effects import check_study_effects
 from vsr2.errors import ConfigError
 
@@ -93,9 +104,9 @@ class Sequential(Section):
     """The supplement's procedure (S3): one parameter at a time, best value carried forward."""
 
     kind: Literal["sequential"]
-    max_iterations: Annotated[int, Strict(), Field(ge=1, le=100)] = 10
+    max_iterations: Annotated[int, Strict(), Field(ge=1, le=100), SUPPLEMENT_SEARCH] = 10
     """Iterations at most, each over all parameters."""
-    min_gain: NonNegative = 0.0005
+    min_gain: Annotated[NonNegative, SMALLEST_GAIN] = 0.0005
     """An iteration that raises the objective by no more than this is the last."""
 
 
@@ -103,19 +114,19 @@ class Joint(Section):
     """All parameters together: a design that fills the ranges, then proposals of a search."""
 
     kind: Literal["joint"]
-    design: Annotated[int, Strict(), Field(ge=2, le=100_000)] = 64
+    design: Annotated[int, Strict(), Field(ge=2, le=100_000), DESIGN] = 64
     """Parameter sets that fill the ranges evenly, which know no outcomes and serve all folds."""
     sets: Annotated[tuple[dict[Name, Value], ...], Field(max_length=10_000)] = ()
     """Further sets to try, such as starts that statics suggests; parameters that one leaves out
     have the study's own value. They serve all folds, so choose them without a look at outcomes."""
-    refine: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 24
+    refine: Annotated[int, Strict(), Field(ge=0, le=100_000), REFINE] = 24
     """Parameter sets that the search adds, for all trials and again for each fold."""
     proposals: Literal["tpe", "cma"] = "tpe"
     """`tpe`: tree-structured Parzen estimator (optuna); also for lists of words. `cma`: evolution
     strategy with adapted covariance (cma); for ranges alone, and hundreds of sets."""
-    profile_points: Annotated[int, Strict(), Field(ge=0, le=200)] = 7
+    profile_points: Annotated[int, Strict(), Field(ge=0, le=200), PROFILE] = 7
     """Values of each parameter that are tried with all others at their best; 0: none."""
-    screen: Annotated[int, Strict(), Field(ge=0, le=100_000)] = 0
+    screen: Annotated[int, Strict(), Field(ge=0, le=100_000), OFF] = 0
     """The first so many sets, of the design and then of `sets`, are run on all trials; trials which
     end alike in all of these are taken to do so in the other sets, too. The chosen sets are run on
     all trials in the end. 0: all sets are run on all trials."""
@@ -141,11 +152,11 @@ class CalibrationSettings(Section):
     """What is varied, in the order in which the sequential procedure takes it."""
     method: Annotated[Sequential | Joint, Field(discriminator="kind")]
     """How the best values are sought."""
-    folds: Annotated[int, Strict(), Field(ge=0, le=1000)] = 10
+    folds: Annotated[int, Strict(), Field(ge=0, le=1000), TEN_FOLDS] = 10
     """Folds by motion, each judged with values chosen without it; 0: in sample alone."""
-    resamples: Annotated[int, Strict(), Field(ge=100, le=100_000)] = 2000
+    resamples: Annotated[int, Strict(), Field(ge=100, le=100_000), RESAMPLES] = 2000
     """Bootstrap replicates over motions."""
-    replicates: Annotated[int, Strict(), Field(ge=1, le=99)] = 1
+    replicates: Annotated[int, Strict(), Field(ge=1, le=99), EXACT_START] = 1
     """Simulations of each trial under each set. 1: one, as the study has it. More: each draws
     placement, motion noise, contact model and what else is uncertain of a set-up, as `vsr2 campaign
     predict` does, and sets are judged by the probability of overturning."""

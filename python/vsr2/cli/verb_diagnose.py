@@ -11,10 +11,13 @@ from cyclopts.validators import mutually_exclusive
 
 from vsr2.cli import options as opt
 from vsr2.codes import Tier
+from vsr2.errors import ConfigError
 
 if TYPE_CHECKING:
+    from distributed import Client
+
     from vsr2.config import Study
-    from vsr2.diagnosis import Diagnosis
+    from vsr2.diagnosis import Diagnosis, Execution, Hypotheses
     from vsr2.diagnosis.iteration import Asked
     from vsr2.diagnosis.simulated.nuisances import Distribution
 
@@ -69,6 +72,9 @@ class Effort:
         iterate: diagnose the corrected scene again until nothing is named, each round in a folder
             of its own
         most_rounds: of --iterate, four by default
+        check: instead of diagnosing, plant so many campaigns, 200 say, and count how often the
+            posterior of the finished diagnosis in --out holds their truth; give the options of that
+            diagnosis
     """
 
     budget_minutes: Annotated[float, Parameter(group=TIME)] = 10.0
@@ -83,6 +89,7 @@ class Effort:
     posterior_draws: opt.Integer = 0
     iterate: bool = False
     most_rounds: opt.Integer | None = None
+    check: opt.Integer | None = None
     quiet: opt.Quiet = False
 
 
@@ -109,16 +116,16 @@ def diagnose(
         scene: study of the nominal scene
         out: folder for the results
     """
-    from vsr2.campaign import load_campaign
     from vsr2.config import load_study
-    from vsr2.diagnosis import Budget, Execution, Hypotheses, ProtocolCache, iterate
+    from vsr2.diagnosis import Budget, iterate
     from vsr2.diagnosis import diagnose as find
     from vsr2.diagnosis.corrected import check_draws
     from vsr2.diagnosis.verdict.document import PAGE_FILE
     from vsr2.report.diagnosis_page import format_diagnosis
     from vsr2.report.messages.commands import iteration_table
-    from vsr2.report.messages.progress_lines import ProgressLines
 
+    if effort.check is not None:
+        return _check(campaign, scene, out, question, effort)
     if effort.posterior_draws:
         check_draws(effort.posterior_draws)
     with opt.cluster(effort.scheduler, effort.threads) as client:
@@ -132,19 +139,8 @@ def diagnose(
                 effort.waterfall,
                 effort.budget_cpu_minutes,
             ),
-            "hypotheses": Hypotheses(
-                exclude=question.exclude,
-                priors=dict(_prior(text) for text in question.prior),
-                nuisances=opt.nuisances(question.nuisance),
-                references=[load_campaign(folder) for folder in question.reference],
-                most_effects=question.most_effects,
-            ),
-            "execution": Execution(
-                effort.threads,
-                client,
-                None if effort.cache is None else ProtocolCache(effort.cache),
-                report=None if effort.quiet else ProgressLines(),
-            ),
+            "hypotheses": _hypotheses(question),
+            "execution": _execution(effort, client),
             "seed": question.seed,
         }
 
@@ -166,6 +162,58 @@ def diagnose(
     return 0
 
 
+def _hypotheses(question: Question) -> Hypotheses:
+    from vsr2.campaign import load_campaign
+    from vsr2.diagnosis import Hypotheses
+
+    return Hypotheses(
+        exclude=question.exclude,
+        priors=dict(_prior(text) for text in question.prior),
+        nuisances=opt.nuisances(question.nuisance),
+        references=[load_campaign(folder) for folder in question.reference],
+        most_effects=question.most_effects,
+    )
+
+
+def _execution(effort: Effort, client: Client | None) -> Execution:
+    from vsr2.diagnosis import Execution, ProtocolCache
+    from vsr2.report.messages.progress_lines import ProgressLines
+
+    return Execution(
+        effort.threads,
+        client,
+        None if effort.cache is None else ProtocolCache(effort.cache),
+        report=None if effort.quiet else ProgressLines(),
+    )
+
+
+def _check(campaign: Path, scene: Path, out: Path, question: Question, effort: Effort) -> int:
+    """Planted campaigns against the posterior of a finished diagnosis."""
+    from vsr2.diagnosis import check_posterior
+    from vsr2.report.messages.posterior_checks import check_sentences
+    from vsr2.report.posterior_check_figure import write_check_figure
+
+    if effort.iterate:
+        raise ConfigError(
+            "--check: does not go with --iterate; check the folder of one round, by --out"
+        )
+    with opt.cluster(effort.scheduler, effort.threads) as client:
+        found = check_posterior(
+            campaign,
+            scene,
+            out=out,
+            planted=effort.check or 0,
+            tier=question.tier,
+            hypotheses=_hypotheses(question),
+            execution=_execution(effort, client),
+        )
+    path = write_check_figure(found, out)
+    if not effort.quiet:
+        print(check_sentences(found))
+        print(f"wrote {path}")
+    return 0
+
+
 def _write(found: Diagnosis, study: Study, folder: Path, effort: Effort) -> None:
     """The page of a diagnosis and, where they are asked for, draws of its posterior."""
     from vsr2.diagnosis.corrected import write_draws
@@ -178,7 +226,6 @@ def _write(found: Diagnosis, study: Study, folder: Path, effort: Effort) -> None
 
 def _prior(text: str) -> tuple[str, Prior]:
     from vsr2.diagnosis import LogUniform, Normal, Uniform
-    from vsr2.errors import ConfigError
 
     key, _, given = text.partition("=")
     *shape, one, other = ["", *given.split(":")]

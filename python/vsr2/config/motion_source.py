@@ -8,6 +8,7 @@ from typing import Annotated, Literal, Self, get_args
 from pydantic import AfterValidator, Field, Strict, model_validator
 
 from vsr2.config.section import FilePath, NonNegative, Positive, Scale, Section
+from vsr2.config.sources import BAND_PASS, NEUTRAL
 
 RecordUnits = Literal[
     "g", "m/s^2", "cm/s^2", "mm/s^2", "m/s", "cm/s", "mm/s", "m", "cm", "mm", "in"
@@ -105,11 +106,11 @@ Channel = Literal["auto", "displacement", "velocity", "acceleration", "fused"]
 class Filter(Section):
     """Zero-phase Butterworth band-pass applied to the recording at its own sampling."""
 
-    low: NonNegative = 0.1
+    low: Annotated[NonNegative, BAND_PASS] = 0.1
     """Lower corner [Hz]; 0: none."""
-    high: Positive = 25.0
+    high: Annotated[Positive, BAND_PASS] = 25.0
     """Upper corner [Hz]."""
-    order: Annotated[int, Strict(), Field(ge=1, le=10)] = 3
+    order: Annotated[int, Strict(), Field(ge=1, le=10), BAND_PASS] = 3
     """Order of the filter, run forward and backward."""
 
     @model_validator(mode="after")
@@ -129,7 +130,7 @@ class _Recorded(_Driven):
     miniSEED, SAC); for other formats it is refused."""
     filter: Filter | None = None
     """Band-pass before use; none given: the recording as it is."""
-    scale: Scale = 1.0
+    scale: Annotated[Scale, NEUTRAL] = 1.0
     """Factor on the motion."""
 
 

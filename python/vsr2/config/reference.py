@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from typing import Any, Literal, get_args, get_origin
+from enum import StrEnum
+from types import UnionType
+from typing import Any, Literal, Union, get_args, get_origin
 
 from annotated_types import Ge, Gt, Le, Lt
 from pydantic.fields import FieldInfo
@@ -12,6 +14,7 @@ from pydantic_core import PydanticUndefined
 
 from vsr2.config.schema import all_sections, variants
 from vsr2.config.section import Section
+from vsr2.config.sources import source_of
 from vsr2.config.study import Study
 
 _HEAD = """\
@@ -28,6 +31,7 @@ in `python/vsr2/config/`; a test keeps both equal.
 - Only plain data is read: no tags but those of plain values, at most 1 MB, at most 20 levels.
   `<<: *anchor` merges mappings.
 - Quaternions are x, y, z, w.
+- The last column says where a default comes from. "Chosen" is a judgement of ours, with its reason.
 
 The smallest study:
 
@@ -48,15 +52,22 @@ _UNIT = re.compile(r"\s*\[([^\[\]]+)\]")
 
 def reference_markdown() -> str:
     """The text of `docs/reference/configuration.md`: every key, its type, default and meaning."""
+    return "\n".join([_HEAD, *_sections(Study)])
+
+
+def keys_markdown(section: type[Section]) -> str:
+    """Tables of the keys of a section and of those below, for a page that has a heading of it."""
+    return "\n".join(_sections(section)).replace("\n## ", "\n### ").strip() + "\n"
+
+
+def _sections(root: type[Section]) -> Iterator[str]:
     headings: dict[type[Section], list[str]] = {}
-    for above, section in all_sections(Study):
+    for above, section in all_sections(root):
         known = headings.setdefault(section, [])
         if _place(above) not in known:
             known.append(_place(above))
-    parts = [_HEAD]
     for section, known in headings.items():
-        parts += _table(known, section)
-    return "\n".join(parts)
+        yield from _table(known, section)
 
 
 def _place(parts: tuple[str, ...]) -> str:
@@ -67,11 +78,11 @@ def _place(parts: tuple[str, ...]) -> str:
 def _table(headings: list[str], section: type[Section]) -> Iterator[str]:
     if section is Study:
         yield "## Top level\n"
-    else:
+    elif any(headings):
         yield f"## {', '.join(f'`{place}`' for place in headings)}\n"
         yield _one_line(section.__doc__ or "") + "\n"
-    yield "| key | type | default | unit | meaning |"
-    yield "| --- | --- | --- | --- | --- |"
+    yield "| key | type | default | unit | meaning | source of the default |"
+    yield "| --- | --- | --- | --- | --- | --- |"
     for key, field in section.model_fields.items():
         yield _row(key, field)
     yield ""
@@ -83,6 +94,7 @@ def _row(key: str, field: FieldInfo) -> str:
     if unit:
         text = text[: unit.start()] + text[unit.end() :]
     cells = [f"`{key}`", _type(field), _default(field), unit.group(1) if unit else "", text]
+    cells.append(source_of(field))
     return "| " + " | ".join(cell.replace("|", "\\|") for cell in cells) + " |"
 
 
@@ -104,9 +116,14 @@ def _type_name(annotation: Any, metadata: list[Any] | tuple[Any, ...]) -> str:
             return f"list of {_type_name(args[0], ())}"
         return f"list of {len(args)}: {_type_name(args[0], ())}"
     if origin is dict:
-        return "mapping of names to parameters"
+        deep = get_origin(args[1]) is dict
+        return f"mapping of names to {'parameters' if deep else 'values'}"
     if hasattr(annotation, "__metadata__"):
         return _type_name(args[0], annotation.__metadata__)
+    if isinstance(annotation, type) and issubclass(annotation, StrEnum):
+        return ", ".join(f"`{choice}`" for choice in annotation)
+    if (origin is Union or isinstance(annotation, UnionType)) and type(None) not in args:
+        return " or ".join(dict.fromkeys(_type_name(arg, ()) for arg in args))
     if type(None) in args:
         return _type_name(next(arg for arg in args if arg is not type(None)), metadata)
     names = {"float": "number", "int": "whole number", "bool": "true, false", "str": "text"}
@@ -124,9 +141,9 @@ def _bounds(metadata: list[Any] | tuple[Any, ...]) -> Iterator[str]:
 
 def _default(field: FieldInfo) -> str:
     value = field.default
-    if value is PydanticUndefined:
+    if value is PydanticUndefined and field.default_factory is None:
         return "required"
-    if value is None or value == {}:
+    if value in (None, PydanticUndefined, {}, (), ""):
         return "none"
     if isinstance(value, Section):
         held = variants(field)
@@ -134,7 +151,7 @@ def _default(field: FieldInfo) -> str:
     if isinstance(value, bool):
         return "`true`" if value else "`false`"
     if isinstance(value, tuple):
-        return f"`[{', '.join(f'{v:g}' for v in value)}]`"
+        return f"`[{', '.join(v if isinstance(v, str) else f'{v:g}' for v in value)}]`"
     return f"`{value:g}`" if isinstance(value, float) else f"`{value}`"
 
 

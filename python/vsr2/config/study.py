@@ -8,14 +8,11 @@ them against the folder of the file that names them.
 
 from __future__ import annotations
 
-import math
-import re
 from collections.abc import Mapping
 from os import PathLike
 from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
-    BeforeValidator,
     Field,
     Strict,
     ValidationInfo,
@@ -23,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from vsr2.config import sources as of
 from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, MotionSource, shortest_period
 from vsr2.config.section import (
     DEFAULT_TIME_STEP,
@@ -40,6 +38,7 @@ from vsr2.config.section import (
     assume,
     inapplicable,
 )
+from vsr2.config.study_effects import Effects
 
 MAX_SWEEPS_A_STEP = 1_000_000
 """Most solver sweeps of one time step: some tenths of a second."""
@@ -60,44 +59,44 @@ class Engine(Section):
     are solved to the end unless `converged_contacts` is false, then equal to rounding (which a
     chaotic response enlarges within seconds); `auto`: `fast` where it takes the scene, else
     `exact`."""
-    gravity: Annotated[float, Strict(), Field(gt=0, le=1000)] = 9.81
+    gravity: Annotated[float, Strict(), Field(gt=0, le=1000), of.GRAVITY] = 9.81
     """Acceleration of gravity, downwards [m/s^2]."""
-    time_step: Annotated[float, Strict(), Field(ge=1e-6, le=0.02)] = DEFAULT_TIME_STEP
+    time_step: Annotated[float, Strict(), Field(ge=1e-6, le=0.02), of.TIME_STEP] = DEFAULT_TIME_STEP
     """Interval between two drive set-points and two log rows [s]."""
-    substeps: Annotated[int, Strict(), Field(ge=1, le=1000)] = 1
+    substeps: Annotated[int, Strict(), Field(ge=1, le=1000), of.SUPPLEMENT_SOLVER] = 1
     """Solver steps per `time_step`, each of `time_step / substeps`."""
-    solver_iterations: Annotated[int, Strict(), Field(ge=1, le=100_000)] = 150
+    solver_iterations: Annotated[int, Strict(), Field(ge=1, le=100_000), of.SUPPLEMENT_SOLVER] = 150
     """Sequential-impulse sweeps per solver step."""
-    residual_threshold: NonNegative = 0.0
+    residual_threshold: Annotated[NonNegative, of.EVERY_SWEEP] = 0.0
     """Stop the sweeps once the largest squared velocity change is at most this [(m/s)^2]; 0:
     never."""
-    converged_contacts: Flag = True
+    converged_contacts: Annotated[Flag, of.CONVERGED] = True
     """Engine `fast`: contacts that stick are solved to where the sweeps lead in the end; false:
     every step is swept, as Bullet does. `preset: original` takes false."""
-    skip: Literal["quiet", "none"] = "quiet"
+    skip: Annotated[Literal["quiet", "none"], of.QUIET] = "quiet"
     """Engine `fast`: `quiet`: a rock at rest is not stepped while its contacts can bear the
     pedestal's acceleration; `none`: every step is taken. `preset: original` takes `none`."""
-    restitution_velocity_threshold: NonNegative = 0.2
+    restitution_velocity_threshold: Annotated[NonNegative, of.BULLET] = 0.2
     """Approach speed under which an impact does not bounce [m/s]."""
-    cone_friction: Flag = True
+    cone_friction: Annotated[Flag, of.SUPPLEMENT_SOLVER] = True
     """Bound friction by a cone (implicit cone), not by a pyramid along two directions."""
-    deterministic_overlapping_pairs: Flag = True
+    deterministic_overlapping_pairs: Annotated[Flag, of.SUPPLEMENT_SOLVER] = True
     """Sort overlapping pairs before the narrow phase."""
     split_impulse: Flag = True
     """Kept for files of the original; Bullet ignores it for multibody contacts, so only the
     default is accepted."""
-    split_impulse_penetration_threshold: Real = -0.04
+    split_impulse_penetration_threshold: Annotated[Real, of.SUPPLEMENT_SOLVER] = -0.04
     """As `split_impulse` [m]."""
-    collision_margin: Annotated[float, Strict(), Field(ge=0, le=0.1)] = 0.001
+    collision_margin: Annotated[float, Strict(), Field(ge=0, le=0.1), of.PYBULLET] = 0.001
     """Margin around every collision shape [m]."""
-    contact_breaking_threshold: Annotated[float, Strict(), Field(gt=0, le=0.5)] = 0.02
+    contact_breaking_threshold: Annotated[float, Strict(), Field(gt=0, le=0.5), of.BULLET] = 0.02
     """Distance at which a cached contact point is dropped, per angular motion disc (about the
     greatest radius) of the smaller body [1]."""
-    linear_damping: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
+    linear_damping: Annotated[float, Strict(), Field(ge=0, lt=1), of.NO_DAMPING] = 0.0
     """Bullet's velocity damping of the bodies' translation, linear and quadratic term [1/s]. It
     acts on the velocity in space, so also on a rock at rest on a moving pedestal; `preset:
     original` has 0.04, Bullet's own default."""
-    angular_damping: Annotated[float, Strict(), Field(ge=0, lt=1)] = 0.0
+    angular_damping: Annotated[float, Strict(), Field(ge=0, lt=1), of.NO_DAMPING] = 0.0
     """Bullet's velocity damping of the bodies' rotation, linear and quadratic term [1/s];
     `preset: original` has 0.04."""
 
@@ -124,12 +123,12 @@ class Engine(Section):
 class Base(Section):
     """The static block under the pedestal."""
 
-    size: Size = (50.0, 14.0, 2.0)
+    size: Annotated[Size, of.BASE_SIZE] = (50.0, 14.0, 2.0)
     """Edge lengths along x, y, z [m]; it stands on z = 0."""
 
 
 class _Pedestal(Section):
-    mass: Mass = 2.0e5
+    mass: Annotated[Mass, of.PEDESTAL_MASS] = 2.0e5
     """Mass carried by the prismatic joint [kg]; accepted only with `drive: motor`, since a
     prescribed motion does not depend on it."""
     base: Base = Base()
@@ -140,7 +139,7 @@ class PrismPedestal(_Pedestal):
     """A prism with a flat top; serves lab tables and idealised studies."""
 
     shape: Literal["prism"] = "prism"
-    size: Size = (10.0, 10.0, 0.5)
+    size: Annotated[Size, of.PEDESTAL_SIZE] = (10.0, 10.0, 0.5)
     """Edge lengths along x, y, z [m]."""
 
 
@@ -150,7 +149,7 @@ class MeshPedestal(_Pedestal):
     shape: Literal["mesh"]
     file: FilePath
     """OBJ, STL or PLY in metres [m]."""
-    scale: Scale = 1.0
+    scale: Annotated[Scale, of.NEUTRAL] = 1.0
     """Factor on the mesh's coordinates."""
     collision: Literal["hull", "decomposition", "triangles"] = "decomposition"
     """`hull`: convex hull (a pedestal without hollows); `decomposition`: several hulls (hollows);
@@ -164,7 +163,7 @@ class FixedStart(Section):
     mode: Literal["pose"]
     position: Vector3
     """Position of the model frame's origin in the world [m]."""
-    orientation: QuaternionXyzw = (0.0, 0.0, 0.0, 1.0)
+    orientation: Annotated[QuaternionXyzw, of.NEUTRAL] = (0.0, 0.0, 0.0, 1.0)
     """Rotation of the model frame, quaternion x, y, z, w."""
 
 
@@ -172,11 +171,11 @@ class YawStart(Section):
     """The rock turned about the vertical and lowered until it touches."""
 
     mode: Literal["yaw"] = "yaw"
-    yaw: Real = 0.0
+    yaw: Annotated[Real, of.NEUTRAL] = 0.0
     """Turn about the world's z axis [degree]."""
-    base_orientation: QuaternionXyzw = (0.0, 0.0, 0.0, 1.0)
+    base_orientation: Annotated[QuaternionXyzw, of.NEUTRAL] = (0.0, 0.0, 0.0, 1.0)
     """Rotation of the model frame before the turn (what stands up), quaternion x, y, z, w."""
-    position_xy: tuple[Real, Real] = (0.0, 0.0)
+    position_xy: Annotated[tuple[Real, Real], of.NEUTRAL] = (0.0, 0.0)
     """Where the mass centre stands above the pedestal, x and y [m]."""
 
 
@@ -212,7 +211,7 @@ class MeshRock(_Massive):
     shape: Literal["mesh"]
     file: FilePath
     """OBJ, STL or PLY, watertight, in metres [m]."""
-    scale: Scale = 1.0
+    scale: Annotated[Scale, of.NEUTRAL] = 1.0
     """Factor on the mesh's coordinates."""
     inertia: Literal["mesh", "aabb"] = "mesh"
     """`mesh`: mass centre and principal inertia of the homogeneous solid (trimesh); `aabb`: the
@@ -227,7 +226,7 @@ class UrdfRock(Section):
     shape: Literal["urdf"]
     file: FilePath
     """The URDF; the meshes that it names lie in its folder or below it."""
-    scale: Scale = 1.0
+    scale: Annotated[Scale, of.NEUTRAL] = 1.0
     """Factor on the lengths in the file."""
     inertia: InertiaRule = "file"
     """`file`: the URDF's `<inertial>`; `mesh`: of the homogeneous solid with the file's mass;
@@ -248,20 +247,20 @@ class Material(Section):
     The defaults are the supplement's best values (Table S1), but for `spinning_friction`.
     """
 
-    restitution: Annotated[float, Strict(), Field(ge=0, le=1)] = 0.35
+    restitution: Annotated[float, Strict(), Field(ge=0, le=1), of.SUPPLEMENT_CONTACT] = 0.35
     """Coefficient of restitution; the pair's is the product of both bodies'."""
-    lateral_friction: NonNegative = 0.7
+    lateral_friction: Annotated[NonNegative, of.SUPPLEMENT_CONTACT] = 0.7
     """Coulomb friction coefficient; the pair's is the product of both bodies'."""
-    spinning_friction: NonNegative = 0.0
+    spinning_friction: Annotated[NonNegative, of.POINT_CONTACT] = 0.0
     """Resistance against turning about the contact normal [m]. The pair's lever is that of the one
     times `lateral_friction` of the other, summed over both; a contact point bears a moment of at
     most lever times normal force. A real contact patch has a few tenths of a millimetre; `preset:
     original` has 0.5, a lever of 0.7 m (docs/explanation/contact_model.md)."""
-    rolling_friction: NonNegative = 0.0
+    rolling_friction: Annotated[NonNegative, of.ORIGINAL_SETUP] = 0.0
     """Resistance against rolling, a lever as that of spinning [m]; the original leaves it at 0."""
-    stiffness: Positive = 2.6e9
+    stiffness: Annotated[Positive, of.SUPPLEMENT_CONTACT] = 2.6e9
     """Contact stiffness, per contact point [N/m]."""
-    damping: NonNegative = 1.0e7
+    damping: Annotated[NonNegative, of.SUPPLEMENT_CONTACT] = 1.0e7
     """Contact damping, per contact point [N s/m]."""
 
 
@@ -277,13 +276,13 @@ class Contact(Section):
 class Settling(Section):
     """Before the motion: the rock is let go and must come to rest."""
 
-    linear_speed: Positive = 1.0e-3
+    linear_speed: Annotated[Positive, of.CALM] = 1.0e-3
     """At rest when the mass centre is slower than this relative to the pedestal ... [m/s]"""
-    angular_speed: Positive = 2.0e-3
+    angular_speed: Annotated[Positive, of.CALM] = 2.0e-3
     """... and the rock turns slower than this ... [rad/s]"""
-    window: Annotated[float, Strict(), Field(gt=0, le=3600)] = 0.25
+    window: Annotated[float, Strict(), Field(gt=0, le=3600), of.CALM] = 0.25
     """... without a break for this long [s]."""
-    timeout: Annotated[float, Strict(), Field(gt=0, le=3600)] = 60.0
+    timeout: Annotated[float, Strict(), Field(gt=0, le=3600), of.SETTLING_TIMEOUT] = 60.0
     """Not at rest by then: the trial ends with status `settling_timeout` [s]."""
 
     @model_validator(mode="after")
@@ -299,25 +298,25 @@ class Settling(Section):
 class Outcome(Section):
     """How a trial's end is judged; tilt is the angle of the body away from its settled pose."""
 
-    tail: Annotated[float, Strict(), Field(gt=0, le=3600)] = 30.0
+    tail: Annotated[float, Strict(), Field(gt=0, le=3600), of.TAIL] = 30.0
     """After the motion the trial runs on until the rock rests, at most this long [s]."""
-    rest_linear_speed: Positive = 0.02
+    rest_linear_speed: Annotated[Positive, of.REST] = 0.02
     """The tail ends when the mass centre is slower than this relative to the pedestal ... [m/s]"""
-    rest_angular_speed: Positive = 0.05
+    rest_angular_speed: Annotated[Positive, of.REST] = 0.05
     """... and the rock turns slower than this ... [rad/s]"""
-    rest_window: Annotated[float, Strict(), Field(gt=0, le=3600)] = 0.5
+    rest_window: Annotated[float, Strict(), Field(gt=0, le=3600), of.REST_WINDOW] = 0.5
     """... without a break for this long, and eight times as long while it leans by `rocked_tilt` or
     more, as it may pause at its point of balance: too slow to overturn any more [s]."""
-    overturned_tilt: Annotated[float, Strict(), Field(gt=0, lt=3.1416)] = 1.4
+    overturned_tilt: Annotated[float, Strict(), Field(gt=0, lt=3.1416), of.OVERTURNED] = 1.4
     """A tilt from which nothing comes back: the trial may stop [rad]."""
-    toppled_tilt: Annotated[float, Strict(), Field(gt=0, lt=3.1416)] = 0.35
+    toppled_tilt: Annotated[float, Strict(), Field(gt=0, lt=3.1416), of.TOPPLED] = 0.35
     """Tilted more than this in the end: it rests on another face and has overturned [rad]."""
-    rocked_tilt: Positive = 0.01
+    rocked_tilt: Annotated[Positive, of.ROCKED] = 0.01
     """Peak tilt from which a trial counts as rocked [rad]."""
-    slid_distance: Positive = 0.005
+    slid_distance: Annotated[Positive, of.SLID] = 0.005
     """Travel of the rock's foot (its point under the mass centre) relative to the pedestal in the
     end from which it slid [m]."""
-    rotated_angle: Positive = 0.035
+    rotated_angle: Annotated[Positive, of.ROTATED] = 0.035
     """Turn about the vertical in the end from which it rotated [rad]."""
     stop_early: Flag = True
     """Stop once overturned irreversibly, or at rest after the motion and not creeping so fast that
@@ -336,11 +335,11 @@ class Outcome(Section):
 class Output(Section):
     """What a run writes."""
 
-    log_every: Annotated[int, Strict(), Field(ge=0)] = 10
+    log_every: Annotated[int, Strict(), Field(ge=0), of.LOG] = 10
     """Log the state every so many time steps; 0: no log."""
     log_settling: Flag = False
     """Log the settling before the motion, too."""
-    contacts_every: Annotated[int, Strict(), Field(ge=0)] = 0
+    contacts_every: Annotated[int, Strict(), Field(ge=0), of.OFF] = 0
     """Log contacts every so many time steps; 0: no contact log."""
     contact_trials: tuple[Annotated[int, Strict(), Field(ge=0)], ...] | None = None
     """Trials whose contacts are logged, counted from 0; none given: all."""
@@ -393,51 +392,12 @@ def _completed(given: object, values: Mapping[str, Any]) -> object:
     return {**given, **added}
 
 
-_EFFECT_WORD = re.compile(r"[A-Za-z][A-Za-z0-9_]{0,99}\Z")
-
-
-def _effects_mapping(given: object) -> object:
-    """Check the form of `effects`; which names and values exist the library of effects knows."""
-    if not isinstance(given, Mapping):
-        raise ValueError(
-            f"must hold names of effects, each with its parameters (is {str(given)[:60]!r}); "
-            "`vsr2 effects list` prints the names"
-        )
-    for name, values in given.items():
-        key = str(name)[:100]
-        if not isinstance(name, str) or not _EFFECT_WORD.match(name):
-            raise ValueError(f"{key!r} is no name of an effect; `vsr2 effects list` prints them")
-        if not isinstance(values, Mapping) or not values:
-            raise inapplicable(
-                key,
-                f"must hold parameters, {{PARAMETER: VALUE, ...}}; `vsr2 effects show {name}` "
-                "prints them",
-            )
-        for parameter, value in values.items():
-            if not isinstance(parameter, str) or not _EFFECT_WORD.match(parameter):
-                raise inapplicable(key, f"{str(parameter)[:100]!r} is no name of a parameter")
-            number = isinstance(value, int | float) and not isinstance(value, bool)
-            if number and math.isfinite(value):
-                continue
-            if isinstance(value, str) and _EFFECT_WORD.match(value):
-                continue
-            raise inapplicable(
-                f"{key}.{parameter}",
-                f"must be a finite number, or a word where `vsr2 effects show {name}` says so "
-                f"(is {str(value)[:60]!r})",
-            )
-    return {name: dict(values) for name, values in given.items()}
-
-
-Effects = Annotated[dict[str, dict[str, float | str]], BeforeValidator(_effects_mapping)]
-
-
 class Study(Section):
     """Everything `vsr2 run` needs."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._ -]*$", max_length=100)] = "study"
     """Name of the study and of its result folder: letters, digits, `.`, `_`, `-` and blanks."""
-    seed: Annotated[int, Strict(), Field(ge=0, lt=2**63)] = 0
+    seed: Annotated[int, Strict(), Field(ge=0, lt=2**63), of.ANY_SEED] = 0
     """Seed of everything random."""
     preset: Literal["physical", "original"] = "physical"
     """What keys that are not given mean. `physical`: the defaults of this page. `original`: the

@@ -5,6 +5,7 @@ from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.corrected import corrected_study, drawn_studies
 from vsr2.diagnosis.iteration import Iteration, iterate
 from vsr2.diagnosis.pipeline import Question, diagnose_with
+from vsr2.diagnosis.posterior_check import PosteriorCheck, check_posterior
 from vsr2.diagnosis.prediction import Prediction, predict
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
@@ -36,6 +37,7 @@ __all__ = [
     "LogUniform",
     "Normal",
     "Nuisance",
+    "PosteriorCheck",
     "Prediction",
     "ProtocolCache",
     "Question",
@@ -44,6 +46,7 @@ __all__ = [
     "Scope",
     "Simulator",
     "Uniform",
+    "check_posterior",
     "corrected_study",
     "diagnose",
     "diagnose_with",

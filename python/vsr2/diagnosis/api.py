@@ -97,7 +97,7 @@ def diagnose(
     study = scene if isinstance(scene, Study) else load_study(scene)
     check_study_effects(study.effects, study.name if isinstance(scene, Study) else scene)
     seen = observe_campaign(given, tier)
-    simulator = _simulator(seen, study, hypotheses, execution, seed)
+    simulator = scene_simulator(seen, study, hypotheses, execution, seed)
     folder = None if out is None else made_folder(Path(out))
     if execution.cache is not None:
         made_folder(execution.cache.folder)
@@ -133,7 +133,7 @@ def diagnose(
     return found
 
 
-def _simulator(
+def scene_simulator(
     seen: Observations, study: Study, hypotheses: Hypotheses, execution: Execution, seed: int
 ) -> SceneSimulator:
     """Simulator of the observed trials.

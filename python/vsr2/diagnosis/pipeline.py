@@ -70,6 +70,7 @@ class Stage(StrEnum):
     JUDGEMENT = "judgement"
     WATERFALL = "waterfall"
     MARGINS = "margins"
+    PLANTED = "planted"
 
 
 @dataclass(frozen=True)
@@ -182,6 +183,7 @@ def diagnose_with(
     noted = {
         **({} if provenance is None else provenance),
         **_noted(question, none, budget.held_out, spent, simulator, seen_look),
+        "look": {"trials": schedule.look_trials, "plain": schedule.plain},
         "wall_time_s": watch.wall_s,
     }
     evidence = Evidence(

@@ -13,6 +13,7 @@ from vsr2.config.extended import ExtendedStudy, load_extended
 from vsr2.config.motion_source import AllRecordings, SingleRecording
 from vsr2.config.schema import extended_schema
 from vsr2.config.section import Real, Section
+from vsr2.config.sources import EXACT_START, SMOOTH_CURVE, USUAL_LEVEL
 from vsr2.effects import check_study_effects
 from vsr2.errors import ConfigError
 
@@ -75,11 +76,11 @@ FIT = FitConstants()
 class Jitter(Section):
     """Standard deviations of the normal perturbations of each trial's start; 0: none."""
 
-    yaw: Annotated[float, Strict(), Field(ge=0, le=180)] = 0.0
+    yaw: Annotated[float, Strict(), Field(ge=0, le=180), EXACT_START] = 0.0
     """Of the turn about the vertical [degree]."""
-    offset: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0
+    offset: Annotated[float, Strict(), Field(ge=0, le=10), EXACT_START] = 0.0
     """Of the place on the pedestal, along x and along y [m]."""
-    tilt: Annotated[float, Strict(), Field(ge=0, le=10)] = 0.0
+    tilt: Annotated[float, Strict(), Field(ge=0, le=10), EXACT_START] = 0.0
     """Of the tilt about x and about y before the rock settles [degree]."""
 
     @property
@@ -97,15 +98,15 @@ class FragilitySettings(Section):
     """Scale every recording to each of these PGAs [g]; none given: as they are."""
     azimuths: Annotated[tuple[Real, ...], Field(min_length=1, max_length=360)] | None = None
     """Turns of the rock about the vertical at the start, instead of `rock.start.yaw` [degree]."""
-    replicates: Annotated[int, Strict(), Field(ge=1, le=10_000)] = 1
+    replicates: Annotated[int, Strict(), Field(ge=1, le=10_000), EXACT_START] = 1
     """Trials of each motion at each azimuth, perturbed independently of each other."""
     jitter: Jitter = Jitter()
     """How the start is perturbed."""
     surface: Literal["quadratic", "linear"] = "quadratic"
     """Terms of the surface in the logarithms of two measures."""
-    level: Annotated[float, Strict(), Field(gt=0, lt=1)] = 0.95
+    level: Annotated[float, Strict(), Field(gt=0, lt=1), USUAL_LEVEL] = 0.95
     """Of the confidence bands."""
-    points: Annotated[int, Strict(), Field(ge=2, le=500)] = 41
+    points: Annotated[int, Strict(), Field(ge=2, le=500), SMOOTH_CURVE] = 41
     """Intensity levels of a curve; a surface has as many along each axis."""
 
     @model_validator(mode="after")

@@ -7,10 +7,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from vsr2.analysis.intervals import Score
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.scoring.baselines import BASELINES
 from vsr2.blind.scoring.cases import Case
-from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.score import BEST_HIGH, BEST_LOW, SAYING_NOTHING, ScoreCode
 from vsr2.blind.scoring.scored import Scored
 from vsr2.report.messages.scores import SCORES

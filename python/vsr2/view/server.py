@@ -25,6 +25,8 @@ CURSOR_PLACES = 100
 SPEEDS = {f"{speed:g} x": speed for speed in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)}
 FRAME_INTERVAL = 1.0 / 30.0
 """Between two drawn states while it plays [s]."""
+LEAST_TILT = 0.1
+"""Upper end of the tilt's axis at least: ticks of less would look equal [deg]."""
 PLOT_ROWS = 1000
 """Points of the tilt curve; more would not be seen."""
 
@@ -123,10 +125,19 @@ class ReplayServer:
         self._button = gui.add_button("Play")
         self._speed = gui.add_dropdown("Speed", options=tuple(SPEEDS), initial_value="1 x")
         self._loop = gui.add_checkbox("Loop", initial_value=False)
-        self._tilt = gui.add_text("Tilt [deg]", initial_value="", disabled=True)
-        self._slip = gui.add_text("Slip x, y [mm]", initial_value="", disabled=True)
-        self._pedestal = gui.add_text("Pedestal [m]", initial_value="", disabled=True)
-        self._force = gui.add_text("Contact force, up [kN]", initial_value="", disabled=True)
+        # A panel of its own starts folded on a phone, where it would lie over the rock.
+        numbers = gui.add_panel()
+        numbers.dock_below(gui.main_panel)
+        with numbers.add_tab("Response"):
+            self._add_response(replay, start)
+        self._slider.on_update(lambda _: self._refresh())
+        self._button.on_click(lambda _: self._toggle())
+        self._trial.on_update(lambda _: self._load(self._options[str(self._trial.value)]))
+        self._refresh()
+
+    def _add_response(self, replay: Replay, start: float) -> None:
+        """What is read off and plotted, from `start` on [s]."""
+        gui = self._server.gui
         self._cursor, self._cursor_step = start, _cursor_step(replay)
         self._plot = gui.add_uplot(
             data=_curves(replay, start),
@@ -146,12 +157,13 @@ class ReplayServer:
                 {"label": "tilt [deg]", "stroke": BLUE},
                 {"label": "table [m]", "stroke": ORANGE, "scale": "table", "side": 1},
             ),
-            aspect=1.3,
+            aspect=1.6,
+            padding=(12, 0, 0, 0),  # [px], so that the highest tick is not cut
         )
-        self._slider.on_update(lambda _: self._refresh())
-        self._button.on_click(lambda _: self._toggle())
-        self._trial.on_update(lambda _: self._load(self._options[str(self._trial.value)]))
-        self._refresh()
+        self._tilt = gui.add_text("Tilt [deg]", initial_value="", disabled=True)
+        self._slip = gui.add_text("Slip x, y [mm]", initial_value="", disabled=True)
+        self._pedestal = gui.add_text("Pedestal [m]", initial_value="", disabled=True)
+        self._force = gui.add_text("Force, up [kN]", initial_value="", disabled=True)
 
     def _toggle(self) -> None:
         with self._lock:
@@ -226,7 +238,7 @@ def _curves(replay: Replay, now: float) -> tuple[Array, Array, Array, Array]:
     tilt = np.degrees(replay.tilt[::every])
     # A spike on a line of zeros: a gap, which is NaN, would take the plot's scale with it.
     cursor = np.zeros(len(tilt))
-    cursor[replay.row(now) // every] = max(float(tilt.max()), 1e-3)
+    cursor[replay.row(now) // every] = max(float(tilt.max()), LEAST_TILT)
     table = replay.log.column("pedestal_position")[::every]
     return replay.time[::every].copy(), tilt, table.copy(), cursor
 

@@ -10,11 +10,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis.intervals import Score, area_under_roc, resampled
 from vsr2.blind.form.diagnosis_form import Verdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import sealed_classes
 from vsr2.blind.scoring.cases import Case, class_label
-from vsr2.blind.scoring.intervals import Score, area_under_roc, resampled
 from vsr2.blind.scoring.metadata import metadata
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN

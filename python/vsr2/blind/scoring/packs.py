@@ -7,6 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from vsr2.analysis.intervals import Score
 from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.seal import (
     canonical,
@@ -21,7 +22,6 @@ from vsr2.blind.form.seal import (
 )
 from vsr2.blind.scoring.baselines import baseline_cases, rate_alone
 from vsr2.blind.scoring.cases import Case, read_cases
-from vsr2.blind.scoring.intervals import Score
 from vsr2.blind.scoring.leaks import find_leaks
 from vsr2.blind.scoring.score import score_cases
 from vsr2.blind.scoring.scored import Scored

@@ -12,10 +12,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.form.pack_form import EffectAxis
-from vsr2.blind.form.pack_settings import Kind
-from vsr2.blind.scoring.cases import Case, groups
-from vsr2.blind.scoring.intervals import (
+from vsr2.analysis.intervals import (
     Score,
     area_under_roc,
     calibration_error,
@@ -23,6 +20,9 @@ from vsr2.blind.scoring.intervals import (
     proportion,
     resampled,
 )
+from vsr2.blind.form.pack_form import EffectAxis
+from vsr2.blind.form.pack_settings import Kind
+from vsr2.blind.scoring.cases import Case, groups
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.diagnosis.where.scan import LocationAxis

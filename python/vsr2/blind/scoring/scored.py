@@ -7,9 +7,9 @@ from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from vsr2.analysis.intervals import INTERVALS, Score
 from vsr2.blind.scoring.baselines import BASELINE, BASELINES
 from vsr2.blind.scoring.cases import ALL, GROUPS, Case
-from vsr2.blind.scoring.intervals import INTERVALS, Score
 from vsr2.blind.scoring.leaks import LEAKS, Leak
 from vsr2.blind.scoring.metadata import METADATA
 from vsr2.blind.scoring.score import (

@@ -15,6 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.posterior.summaries import Standard, moments
+
 Array = NDArray[np.float64]
 
 
@@ -104,3 +106,32 @@ def disturbed(
         out[..., k] += DISCREPANCY.series * scatter[:, k] * mixed
     out[(outcome != overturned) & ~np.isnan(overturned)] = np.nan
     return outcome, out
+
+
+@dataclass(frozen=True, eq=False)
+class Disturbance:
+    """What campaigns of one protocol are disturbed by: see :func:`disturbed`.
+
+    Attributes:
+        probability: of overturning in campaigns without effect, shape (trials,).
+        scatter: standard deviations of features there, shape (trials, k).
+        motion: index of each trial's ground motion, shape (trials,).
+    """
+
+    probability: Array
+    scatter: Array
+    motion: NDArray[np.int64]
+
+    @classmethod
+    def of(cls, overturned: Array, features: Array, motion: NDArray[np.int64]) -> Disturbance:
+        """From campaigns without effect, shapes (n, trials) and (n, trials, k)."""
+        plain = np.ones(len(overturned), dtype=bool)
+        # What no campaign without an effect varies, as a contradiction, no engine does.
+        scatter = np.sqrt(moments(features)[1])
+        return cls(Standard.of(overturned, features, plain).probability, scatter, motion)
+
+    def __call__(
+        self, overturned: Array, features: Array, rng: np.random.Generator
+    ) -> tuple[Array, Array]:
+        """Outcomes and features of campaigns, disturbed."""
+        return disturbed(overturned, features, self.probability, self.scatter, self.motion, rng)

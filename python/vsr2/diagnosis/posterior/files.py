@@ -42,7 +42,7 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
         "centre": posterior.centre,
         "scale": posterior.scale,
         "gap_free": posterior.gap_free,
-        "discrepancies": posterior.discrepancies,
+        "misfits": posterior.misfits,
         "residuals": posterior.parameters.residuals,
     }
     for k, network in enumerate(posterior.networks):
@@ -113,7 +113,7 @@ def load_posterior(path: Path, library: Library) -> Posterior | None:
                 ),
                 alike=declared_alike(library),
                 gap_free=file["gap_free"],
-                discrepancies=file["discrepancies"],
+                misfits=file["misfits"],
                 campaigns=about["campaigns"],
             )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:

@@ -2,7 +2,7 @@
 
 The posterior weighs hypotheses against one another. Where all of them fit badly, the least bad wins
 with a high probability. So the campaign is also held against simulated campaigns without effect:
-the discrepancy is the mean square of standardised outcomes and features, and its tail probability
+the misfit is the mean square of standardised outcomes and features, and its tail probability
 that of a prior predictive check (G. E. P. Box, "Sampling and Bayes' inference in scientific
 modelling and robustness", J. R. Stat. Soc. A 143, 1980).
 """
@@ -19,14 +19,12 @@ Copies = list[tuple[Array, Array]]
 """Outcomes, shape (n, trials), and features, shape (n, trials, k), of each copy of campaigns."""
 
 
-def discrepancy(residuals: Array) -> Array:
+def misfit(residuals: Array) -> Array:
     """Mean square of standardised residuals, shape (..., columns) to (...)."""
     return np.asarray((residuals**2).mean(axis=-1))
 
 
-def gap_free_discrepancies(
-    copies: Copies, gap_free: NDArray[np.bool_], fold: NDArray[np.int64]
-) -> Array:
+def gap_free_misfits(copies: Copies, gap_free: NDArray[np.bool_], fold: NDArray[np.int64]) -> Array:
     """Discrepancies of disturbed campaigns without effect, each standardised by other campaigns.
 
     A campaign that is among those that it is standardised by seems to fit better than a new one.
@@ -49,12 +47,12 @@ def gap_free_discrepancies(
             np.concatenate([one[rest] for _, one in copies]),
             np.concatenate([gap_free[rest]] * len(copies)),
         )
-        out += [discrepancy(standard.residuals(o[held], f[held])) for o, f in copies[1:]]
+        out += [misfit(standard.residuals(o[held], f[held])) for o, f in copies[1:]]
     return np.sort(np.concatenate(out)) if out else np.zeros(0)
 
 
 def fit_probability(observed: float, gap_free: Array) -> float:
-    """Tail probability of a discrepancy among campaigns without effect; 1 where there are none.
+    """Tail probability of a misfit among campaigns without effect; 1 where there are none.
 
     The observed one counts with them, so that the probability is above 0 (A. C. Davison and D. V.
     Hinkley, "Bootstrap methods and their application", 1997, section 4.2).

@@ -45,14 +45,14 @@ class NamingConstants:
         outside: probability, given a gap, from which a cause outside the library outweighs.
         second: probability of two effects or more, given a gap, from which a name says that a
             second is likely.
-        misfit: tail probability among simulated campaigns without effect below which there is a
+        least_fit: tail probability among simulated campaigns without effect below which there is a
             gap, whatever the posterior says.
     """
 
     classes: int = 3
     outside: float = 0.5
     second: float = 0.5
-    misfit: float = 0.01
+    least_fit: float = 0.01
 
 
 NAMING = NamingConstants()
@@ -219,7 +219,7 @@ def decide(
         alike: effects declared alike, shape (effects, effects).
         fit: tail probability among simulated campaigns without effect.
     """
-    if found.none >= none_limit and fit >= NAMING.misfit:
+    if found.none >= none_limit and fit >= NAMING.least_fit:
         return Naming(VerdictKind.NONE, (), found.none)
     if found.outside > NAMING.outside:
         return Naming(VerdictKind.UNKNOWN, (), found.outside)

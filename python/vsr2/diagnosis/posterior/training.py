@@ -10,17 +10,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.posterior.discrepancy import disturbed
+from vsr2.diagnosis.posterior.discrepancy import Disturbance
 from vsr2.diagnosis.posterior.goodness_of_fit import (
-    discrepancy,
     fit_probability,
-    gap_free_discrepancies,
+    gap_free_misfits,
+    misfit,
 )
 from vsr2.diagnosis.posterior.naming import Naming, VerdictKind, candidates, decide, is_wrong
 from vsr2.diagnosis.posterior.network import Network, train_network
 from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
-from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries, moments
+from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries
 from vsr2.diagnosis.simulated.campaigns import Campaigns
 from vsr2.diagnosis.simulated.library import Library
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
@@ -133,9 +133,9 @@ class Posterior:
         parameters: of effects.
         alike: which effects are declared alike, shape (effects, effects).
         gap_free: residuals of campaigns without effect, disturbed, shape (n, columns).
-        discrepancies: of campaigns without effect, disturbed and held out, rising, shape (n,).
+        misfits: of campaigns without effect, disturbed and held out, rising, shape (n,).
         campaigns: number that it was trained on.
-        excused: discrepancy up to which campaigns fit, as those of references do.
+        excused: misfit up to which campaigns fit, as those of references do.
     """
 
     sets: Sets
@@ -148,7 +148,7 @@ class Posterior:
     parameters: Parameters
     alike: Bools
     gap_free: Array
-    discrepancies: Array
+    misfits: Array
     campaigns: int
     excused: float = 0.0
 
@@ -167,8 +167,8 @@ class Posterior:
         inputs = network_inputs(self, summaries, allowed)
         logs = np.stack([one.log_probability(inputs, allowed)[0] for one in self.networks])
         probability = pooled(logs, self.levels.temperature)
-        size = float(discrepancy(residuals[0]))
-        fit = 1.0 if size <= self.excused else fit_probability(size, self.discrepancies)
+        size = float(misfit(residuals[0]))
+        fit = 1.0 if size <= self.excused else fit_probability(size, self.misfits)
         said = decide(
             candidates(probability, self.sets, self.alike),
             none_limit=self.levels.none_limit,
@@ -189,7 +189,7 @@ class Posterior:
             references: inference on each of them.
         """
         none = min([self.levels.none_limit, *(float(one.probability[0]) for one in references)])
-        excused = max([self.excused, *(float(discrepancy(one.residuals)) for one in references)])
+        excused = max([self.excused, *(float(misfit(one.residuals)) for one in references)])
         return replace(self, levels=replace(self.levels, none_limit=none), excused=excused)
 
 
@@ -247,17 +247,13 @@ def train(
         seed: of everything random.
     """
     sets = Sets(tuple(library), most)
-    motion = seen.motion[trials]
     overturned = campaigns.overturned
     features = seen.noted(overturned, campaigns.peak_tilt, campaigns.features, seed)
     plain = campaigns.gap_free
-    first = Standard.of(overturned, features, plain)
+    disturbed = Disturbance.of(overturned[plain], features[plain], seen.motion[trials])
     rng = np.random.default_rng([seed, 32])
-    # What no campaign without an effect varies, as a contradiction, no engine does.
-    scatter = np.sqrt(moments(features[plain])[1])
     copies = [(overturned, features)] + [
-        disturbed(overturned, features, first.probability, scatter, motion, rng)
-        for _ in range(TRAINING.copies)
+        disturbed(overturned, features, rng) for _ in range(TRAINING.copies)
     ]
     standard = Standard.of(
         np.concatenate([one for one, _ in copies]),
@@ -278,7 +274,7 @@ def train(
     return Posterior(
         sets, standard, summaries, scaled.centre, scaled.scale, networks, levels,
         fit_parameters(library, campaigns, residuals[1]),
-        truth.alike, disturbed_plain, gap_free_discrepancies(copies, plain, fold), len(campaigns),
+        truth.alike, disturbed_plain, gap_free_misfits(copies, plain, fold), len(campaigns),
     )  # fmt: skip
 
 
@@ -322,16 +318,25 @@ class _Truth:
         decoy = (kind > 1 - TRAINING.decoy) & ~outside
         among = np.where(outside[:, None], acting, ~acting)
         left_out = (rng.random(acting.shape) * among).argmax(axis=1)
-        lacking = self.lacking(rng, left_out)
+        lacking = left_out_together(self.alike, left_out, rng)
         lacking &= np.where(outside[:, None], True, ~acting) & (outside | decoy)[:, None]
         return ~lacking, outside
 
-    def lacking(self, rng: np.random.Generator, left_out: NDArray[np.int64]) -> Bools:
-        """Effects that are left out with one of each campaign, itself among them."""
-        drawn = rng.random((left_out.size, self.alike.shape[0])) < TRAINING.together
-        together = self.alike[left_out] & drawn
-        together[np.arange(left_out.size), left_out] = True
-        return together
+
+def left_out_together(alike: Bools, left_out: NDArray[np.int64], rng: np.random.Generator) -> Bools:
+    """Effects that a library lacks together with one, itself among them, shape (n, effects).
+
+    Each effect declared alike is lacking, too, with the chance `TRAINING.together`.
+
+    Args:
+        alike: effects declared alike, shape (effects, effects).
+        left_out: index of the effect that is lacking, shape (n,).
+        rng: of the chance.
+    """
+    drawn = rng.random((left_out.size, alike.shape[0])) < TRAINING.together
+    together = alike[left_out] & drawn
+    together[np.arange(left_out.size), left_out] = True
+    return together
 
 
 Logs = tuple[Array, Array]
@@ -382,7 +387,7 @@ def _own_left_out(truth: _Truth, rng: np.random.Generator) -> Bools:
     """Effects of a library that lacks one that acts, shape (n, effects)."""
     pick = (rng.random(truth.acting.shape) * truth.acting).argmax(axis=1)
     plain: Bools = np.asarray(~truth.acting.any(axis=1))
-    return ~truth.lacking(rng, pick) | plain[:, None]
+    return ~left_out_together(truth.alike, pick, rng) | plain[:, None]
 
 
 def _levels(logs: Logs, truth: _Truth) -> Levels:

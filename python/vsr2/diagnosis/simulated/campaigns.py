@@ -207,7 +207,7 @@ def simulate_campaigns(
     cache: SimulationCache,
     found: Look,
     trials: NDArray[np.int64],
-    rows: range,
+    rows: Sequence[int],
     *,
     most: int = 2,
     seed: int = 0,

@@ -63,8 +63,8 @@ def verdict_of(found: Found, posterior: Posterior) -> Verdict:
     reasons = []
     if none < levels.none_limit:
         reasons.append(Statement.of(ReasonCode.GAP, **against_none))
-    if found.fit < NAMING.misfit:
-        misfit = {"fit": found.fit, "limit": NAMING.misfit, "none": none}
+    if found.fit < NAMING.least_fit:
+        misfit = {"fit": found.fit, "limit": NAMING.least_fit, "none": none}
         reasons.append(Statement.of(ReasonCode.MISFIT, **misfit))
     reached = {"probability": probability, "wanted": levels.least_name}
     match said.kind:

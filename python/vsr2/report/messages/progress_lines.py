@@ -16,6 +16,7 @@ STAGES: Mapping[Stage, str] = {
     Stage.JUDGEMENT: "judging",
     Stage.WATERFALL: "judging causes one by one",
     Stage.MARGINS: "seeking margins",
+    Stage.PLANTED: "planting campaigns",
 }
 
 
