@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping
 
 from vsr2.diagnosis.pipeline import Progress, Stage
+from vsr2.report.messages.templates import check_worded
 
 STAGES: Mapping[Stage, str] = {
     Stage.LOOK: "trying effects",
@@ -17,6 +18,7 @@ STAGES: Mapping[Stage, str] = {
     Stage.WATERFALL: "judging causes one by one",
     Stage.MARGINS: "seeking margins",
 }
+check_worded(Stage, STAGES, __name__)
 
 
 class ProgressLines:
