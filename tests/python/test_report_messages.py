@@ -3,9 +3,15 @@
 from __future__ import annotations
 
 import re
+from enum import Enum
+from importlib import import_module
+from pkgutil import walk_packages
+from types import SimpleNamespace
 
 import pytest
 
+import vsr2
+from vsr2 import _native
 from vsr2.blind.form.diagnosis_form import FailureCode
 from vsr2.blind.form.events import EventCode
 from vsr2.calibration.calibrate import NoBaselines
@@ -14,11 +20,23 @@ from vsr2.diagnosis.verdict.next_measurement import BY_EFFECT, BY_STAGE, Instrum
 from vsr2.diagnosis.verdict.statements import LimitCode, ReasonCode
 from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.effects import STAGES
-from vsr2.errors import Fault
+from vsr2.errors import Fault, ResultError
+from vsr2.fragility import FitNote
+from vsr2.report.messages import (
+    blind_packs,
+    commands,
+    data,
+    progress_lines,
+    ros2_import,
+    scores,
+    verdicts,
+)
 from vsr2.report.messages.blind_packs import FAILURES, event_text
 from vsr2.report.messages.data import scene_note
-from vsr2.report.messages.runs import no_baselines
+from vsr2.report.messages.runs import STATUS_MEANING, fit_note, no_baselines
+from vsr2.report.messages.templates import check_worded
 from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
+from vsr2.results import Status
 from vsr2.scene import SceneNote
 
 SAMPLES = {
@@ -217,6 +235,81 @@ def test_an_event_is_reported_with_all_its_values(code) -> None:
     assert all(value in text for value in values.values() if isinstance(value, str))
     assert text.count("7") == sum(kind in (int, float) for kind in code.types.values())
     assert text.count("a, b") == sum(kind is NAMES for kind in code.types.values())
+
+
+def enumerations() -> dict[str, type[Enum]]:
+    """All of the package, by name; those of the core among them."""
+    found = dict(vars(_native))
+    for module in walk_packages(vsr2.__path__, "vsr2."):
+        if not module.name.endswith("__main__"):
+            found |= vars(import_module(module.name))
+    return {
+        kind.__name__: kind
+        for kind in found.values()
+        if isinstance(kind, type) and issubclass(kind, Enum) and "vsr2" in kind.__module__
+    }
+
+
+WORDED = {
+    "Assumed": ros2_import.NOTES,
+    "Ended": commands._ENDED,
+    "EventCode": blind_packs.EVENTS,
+    "FailureCode": blind_packs.FAILURES,
+    "Fault": verdicts._SECTIONS["faults"],
+    "Ignored": ros2_import.NOTES,
+    "Instrument": verdicts._SECTIONS["instruments"],
+    "Kept": ros2_import.NOTES,
+    "LimitCode": verdicts._SECTIONS["limits"],
+    "LocationKind": verdicts._SECTIONS["locations"],
+    "NotKept": ros2_import.NOTES,
+    "ReasonCode": verdicts._SECTIONS["reasons"],
+    "SceneNote": data.SCENE_NOTES,
+    "ScoreCode": scores.SCORES,
+    "Stage": progress_lines.STAGES,
+    "VerdictKind": verdicts._SECTIONS["verdicts"],
+}
+"""Where the sentences of an enumeration stand."""
+SHOWN_BY_NAME = {
+    "BudgetState", "Drive", "EffectAxis", "EngineKind", "EngineName", "FastRefusal",
+    "FeatureChannel", "Fitted", "GapState", "HandOver", "Identifiability", "InputFault", "Kind",
+    "LocationAxis", "Loss", "MeasurementKind", "Objective", "Outcome", "Phase", "PredictedBy",
+    "Scope", "Third",
+}  # fmt: skip
+"""Enumerations whose members are words of files and tables, or choose between sentences."""
+ELSEWHERE = {"Code", "FitNote", "NoBaselines", "Status"}
+"""The base of all codes, and enumerations whose sentences other tests of this module check."""
+
+
+def test_every_enumeration_is_worded_or_shown_by_name() -> None:
+    assert set(enumerations()) == {*WORDED, *SHOWN_BY_NAME, *ELSEWHERE}
+
+
+@pytest.mark.parametrize("name", WORDED)
+def test_every_member_has_its_sentence(name) -> None:
+    lacking = [str(code) for code in enumerations()[name] if not WORDED[name].get(code)]
+    assert not lacking
+
+
+@pytest.mark.parametrize("note", FitNote)
+def test_every_note_on_a_fit_has_its_sentence(note) -> None:
+    assert len(fit_note(SimpleNamespace(falling=(), note=note))) > 15
+    assert fit_note(SimpleNamespace(falling=(), note=None)) == ""
+
+
+def test_every_status_has_its_meaning() -> None:
+    assert list(STATUS_MEANING) == [status.name for status in Status]
+
+
+def test_a_code_without_a_sentence_is_named_with_the_place_to_add_it() -> None:
+    with pytest.raises(TypeError, match=r"here: no sentence for \['no_gap'\], no code for none"):
+        check_worded([ReasonCode.NO_GAP, ReasonCode.GAP], {ReasonCode.GAP: "a gap"}, "here")
+    with pytest.raises(TypeError, match=r"no sentence for none, no code for \['fap'\]"):
+        check_worded([ReasonCode.GAP], {ReasonCode.GAP: "a gap", "fap": "a fap"}, "here")
+
+
+def test_a_code_of_another_version_is_refused_with_its_remedy() -> None:
+    with pytest.raises(ResultError, match="'fap' is none of the limits that this version words"):
+        sentence({"code": "fap", "values": {}})
 
 
 def test_events_are_worded_briefly() -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from vsr2.blind.form.diagnosis_form import FailureCode
 from vsr2.blind.form.events import EventCode
-from vsr2.report.messages.templates import filled_in
+from vsr2.report.messages.templates import check_worded, filled_in
 
 if TYPE_CHECKING:
     from vsr2.blind.custodian.make import Made
@@ -38,11 +38,13 @@ EVENTS: Mapping[str, str] = {
     ),
 }
 """Templates of the values."""
+check_worded(EventCode, EVENTS, __name__)
 FAILURES: Mapping[str, str] = {
     FailureCode.CAMPAIGN_UNUSABLE: "the campaign cannot be used",
     FailureCode.DIAGNOSIS_ENDED: "the diagnosis ended with an error",
     FailureCode.DIAGNOSIS_UNREADABLE: "the diagnosis cannot be scored",
 }
+check_worded(FailureCode, FAILURES, __name__)
 
 
 def event_text(event: Statement) -> str:

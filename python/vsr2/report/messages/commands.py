@@ -12,7 +12,7 @@ from vsr2.analysis.bootstrap import SCORES
 from vsr2.diagnosis.iteration import Ended
 from vsr2.report.messages.data import scene_note
 from vsr2.report.messages.runs import compatible_values
-from vsr2.report.messages.templates import counted
+from vsr2.report.messages.templates import check_worded, counted
 from vsr2.report.messages.verdicts import shown
 from vsr2.scene.notes import WARNINGS
 
@@ -112,6 +112,7 @@ _ENDED = {
     Ended.NOTHING_CHANGED: "what the last round names leaves the scene as it is",
     Ended.NOT_STATED: "no study states what the last round names beside the scene's own effects",
 }
+check_worded(Ended, _ENDED, __name__)
 
 
 def iteration_table(found: Iteration) -> str:

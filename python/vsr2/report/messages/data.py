@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsr2.report.messages.templates import counted, filled_in
+from vsr2.report.messages.templates import check_worded, counted, filled_in
 from vsr2.scene import SceneNote
 from vsr2.scene.notes import WARNINGS
 
@@ -53,6 +53,7 @@ SCENE_NOTES: Mapping[str, str] = {
     **WARNINGS,
 }
 """Templates of the values."""
+check_worded(SceneNote, SCENE_NOTES, __name__)
 
 
 def scene_note(note: Mapping[str, Any]) -> str:

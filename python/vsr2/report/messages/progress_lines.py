@@ -8,6 +8,7 @@ import time
 from collections.abc import Mapping
 
 from vsr2.diagnosis.pipeline import Progress, Stage
+from vsr2.report.messages.templates import check_worded
 
 STAGES: Mapping[Stage, str] = {
     Stage.LOOK: "trying effects",
@@ -18,6 +19,7 @@ STAGES: Mapping[Stage, str] = {
     Stage.MARGINS: "seeking margins",
     Stage.PLANTED: "planting campaigns",
 }
+check_worded(Stage, STAGES, __name__)
 
 
 class ProgressLines:

@@ -3,11 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from itertools import chain
 from typing import TYPE_CHECKING
 
 from vsr2.codes import Code
 from vsr2.config.ros2_notes import KINDS, Assumed, Ignored, Kept, NotKept
-from vsr2.report.messages.templates import filled_in
+from vsr2.report.messages.templates import check_worded, filled_in
 
 if TYPE_CHECKING:
     from vsr2.codes import Statement
@@ -19,6 +20,7 @@ HEADINGS: Mapping[type[Code], str] = {
     NotKept: "Not kept, VSR2 does otherwise",
     Assumed: "Assumed, for these files do not say",
 }
+check_worded(KINDS, HEADINGS, __name__)
 
 NOTES: Mapping[Code, str] = {
     Ignored.SPLIT_IMPULSE: (
@@ -149,6 +151,7 @@ NOTES: Mapping[Code, str] = {
     Assumed.DEFAULTS: "not given, so the defaults of `preset: original` serve: {names}",
 }
 """Templates of the values."""
+check_worded(chain(*KINDS), NOTES, __name__)
 
 
 def import_note(note: Statement) -> str:

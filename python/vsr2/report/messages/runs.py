@@ -5,8 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from vsr2.report.messages.templates import counted
-from vsr2.results import NO_HAND_OVER, Status
+from vsr2.report.messages.templates import check_worded, counted
+from vsr2.results import NO_HAND_OVER, STATUSES, Status
 
 if TYPE_CHECKING:
     from vsr2.calibration import Profile
@@ -24,6 +24,7 @@ STATUS_MEANING = {
     Status.cancelled.name: "stopped while it ran; no outcome",
     Status.not_run.name: "not started; no outcome",
 }
+check_worded(STATUSES, STATUS_MEANING, __name__)
 
 
 def trial_end(row: Mapping[str, Any]) -> str:
@@ -127,14 +128,13 @@ def fit_note(fit: FragilityFit) -> str:
             f"falls with {' and '.join(fit.falling)} in part of the range, by more than "
             f"{FIT.fall:g}: see whether the trials do, or set `surface: linear`"
         )
-    match fit.note:
-        case FitNote.ALL_OVERTURNED:
-            return "all trials overturned: no curve; widen the range of intensities"
-        case FitNote.ALL_STOOD:
-            return "all trials stood: no curve; widen the range of intensities"
-        case FitNote.NOT_RISING:
-            return "the probability does not rise with the measure: no lognormal curve"
-    return ""
+    sentences = {
+        FitNote.ALL_OVERTURNED: "all trials overturned: no curve; widen the range of intensities",
+        FitNote.ALL_STOOD: "all trials stood: no curve; widen the range of intensities",
+        FitNote.NOT_RISING: "the probability does not rise with the measure: no lognormal curve",
+    }
+    check_worded(FitNote, sentences, __name__)
+    return sentences[fit.note] if fit.note else ""
 
 
 def fit_caveats(fit: FragilityFit) -> str:
@@ -192,15 +192,17 @@ def no_baselines(why: NoBaselines | None) -> str:
     """Why a campaign gives no baselines, and what to do about it; empty: it does."""
     from vsr2.calibration.calibrate import NoBaselines
 
-    match why:
-        case NoBaselines.FEW_MOTIONS:
-            return "fewer motions with outcome, PGA and PGV/PGA than folds, or a single one"
-        case NoBaselines.NO_INTENSITIES:
-            return (
-                "no trial has an outcome, PGA and PGV/PGA; give trials.csv pga_g and "
-                "pgv_pga_s, or motions"
-            )
-    return ""
+    sentences = {
+        NoBaselines.FEW_MOTIONS: (
+            "fewer motions with outcome, PGA and PGV/PGA than folds, or a single one"
+        ),
+        NoBaselines.NO_INTENSITIES: (
+            "no trial has an outcome, PGA and PGV/PGA; give trials.csv pga_g and pgv_pga_s, or "
+            "motions"
+        ),
+    }
+    check_worded(NoBaselines, sentences, __name__)
+    return sentences[why] if why else ""
 
 
 def optimism_note(optimism: float | None) -> str:

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from vsr2.blind.scoring.score import ScoreCode as Code
+from vsr2.report.messages.templates import check_worded
 
 SCORES: Mapping[Code, str] = {
     Code.ANSWER: "most probable answer is the true class (single)",
@@ -39,3 +40,4 @@ SCORES: Mapping[Code, str] = {
     Code.WHERE_FALSE: "where: any location stands out (none)",
     Code.UNRESOLVED: "failed or unresolved",
 }
+check_worded(Code, SCORES, __name__)

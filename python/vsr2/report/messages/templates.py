@@ -1,9 +1,33 @@
-"""How values go into a template."""
+"""Templates of sentences: one of each code, and how values go into them."""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 from typing import Any
+
+
+def check_worded(codes: Iterable[object], sentences: Mapping[Any, str], where: str) -> None:
+    """See that each code has a sentence.
+
+    A module calls it where it lists its sentences, so that a code without one is found when the
+    module is imported, and not at the end of a run.
+
+    Args:
+        codes: all that may be stated, such as the members of an enumeration.
+        sentences: by code.
+        where: they stand, for whoever adds one.
+
+    Raises:
+        TypeError: a code has no sentence, or a sentence no code.
+    """
+    wanted = list(codes)
+    lacking = [str(code) for code in wanted if code not in sentences]
+    spare = [str(code) for code in sentences if code not in wanted]
+    if lacking or spare:
+        raise TypeError(
+            f"{where}: no sentence for {lacking or 'none'}, no code for {spare or 'none'}; "
+            "every code has one sentence"
+        )
 
 
 def counted(number: int, what: str) -> str:

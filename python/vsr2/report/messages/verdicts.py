@@ -7,24 +7,45 @@ from __future__ import annotations
 
 import math
 import tomllib
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
+from vsr2.codes import TIERS
 from vsr2.diagnosis.observed.features import FeatureChannel
-from vsr2.diagnosis.verdict.next_measurement import MeasurementKind
-from vsr2.diagnosis.verdict.statements import ReasonCode, VerdictKind
+from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
+from vsr2.diagnosis.verdict.statements import LimitCode, ReasonCode, VerdictKind
+from vsr2.diagnosis.where.scan import LocationKind
+from vsr2.errors import Fault, ResultError
+from vsr2.report.messages.templates import check_worded
 from vsr2.report.pages import environment, listed, plain
 
 if TYPE_CHECKING:
     from jinja2 import Template
 
 
+_SECTIONS: Mapping[str, Mapping[str, str]] = tomllib.loads(
+    files("vsr2.report.messages").joinpath("verdicts.toml").read_text(encoding="utf-8")
+)
+_CODES: Mapping[str, Iterable[str]] = {
+    "reasons": ReasonCode,
+    "limits": LimitCode,
+    "faults": Fault,
+    "instruments": Instrument,
+    "verdicts": VerdictKind,
+    "closes": [kind for kind in VerdictKind if kind.names_effects],
+    "locations": LocationKind,
+    "missing": TIERS,
+}
+"""What sections of `verdicts.toml` word."""
+for _section, _codes in _CODES.items():
+    check_worded(_codes, _SECTIONS[_section], f"report/messages/verdicts.toml: [{_section}]")
+
+
 @cache
 def _templates() -> dict[tuple[str, str], Template]:
     """By section and key of `verdicts.toml`."""
-    text = files("vsr2.report.messages").joinpath("verdicts.toml").read_text(encoding="utf-8")
     made = environment(
         {
             "candidates": _candidates,
@@ -38,17 +59,27 @@ def _templates() -> dict[tuple[str, str], Template]:
     )
     return {
         (section, key): made.from_string(template)
-        for section, templates in tomllib.loads(text).items()
+        for section, templates in _SECTIONS.items()
         for key, template in templates.items()
     }
 
 
 def _say(section: str, key: str, **values: Any) -> str:
-    return _templates()[section, key].render(values)
+    template = _templates().get((section, key))
+    if template is None:
+        raise ResultError(
+            f"{key!r} is none of the {section} that this version words; read the diagnosis with "
+            "the version that wrote it, or diagnose again"
+        )
+    return template.render(values)
 
 
 def sentence(statement: Mapping[str, Any]) -> str:
-    """A reason or a limit, with its code and values."""
+    """A reason or a limit, with its code and values.
+
+    Raises:
+        ResultError: a code that this version does not know.
+    """
     code = str(statement["code"])
     section = "reasons" if ("reasons", code) in _templates() else "limits"
     # `none`, a name of some values, is a constant to a template.
