@@ -15,7 +15,7 @@ from effect_closed_forms.block import (
 from effect_closed_forms.forms import closed_form
 from vsr2.config.motion_source import Filter
 from vsr2.effects import Bench, Check, Effect
-from vsr2.effects.actuation import FILTER_ORDER
+from vsr2.effects.actuation import ACTUATION
 from vsr2.effects.standing import mass_height
 from vsr2.motion import STANDARD_GRAVITY, Motion, Record, Recorded
 from vsr2.motion.processing import differentiate
@@ -76,7 +76,7 @@ def input_filter(effect: Effect, bench: Bench) -> list[Check]:
             acceleration=found.acceleration,
         )  # fmt: skip
         passed = effect.change(replace(trial, motion=motion), {"corner": corner}).motion
-        expected = 1 / (1 + (frequency / corner) ** (2 * FILTER_ORDER))
+        expected = 1 / (1 + (frequency / corner) ** (2 * ACTUATION.filter_order))
         checks.append(
             Check(
                 f"gain at {frequency:g} Hz, 1 / (1 + (f / fc)^6) [1]",

@@ -12,13 +12,24 @@ from vsr2.results import TrialLog
 
 Array = NDArray[np.float64]
 
-SEGMENT = 4.0
-"""Length of a spectral segment [s]: lines 0.25 Hz apart."""
-MIN_ROWS = 16
-"""Rows of a log that are enough for a lag and a spectrum."""
-EXCITED = 1e-6
-"""Lines on which the command has less than this share of its largest power density are left NaN:
-there the ratio is one of leakage and rounding."""
+
+@dataclass(frozen=True)
+class TrackingConstants:
+    """How a log is compared with its command; chosen by hand.
+
+    Attributes:
+        segment: length of a spectral segment [s]: lines 0.25 Hz apart.
+        least_rows: rows of a log that are enough for a lag and a spectrum.
+        excited: lines on which the command has less than this share of its largest power density
+            are left NaN: there the ratio is one of leakage and rounding.
+    """
+
+    segment: float = 4.0
+    least_rows: int = 16
+    excited: float = 1e-6
+
+
+TRACKING = TrackingConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -94,10 +105,10 @@ def tracking(log: TrialLog) -> Tracking:
 
 
 def _interval(time: Array) -> float:
-    if time.size < MIN_ROWS:
+    if time.size < TRACKING.least_rows:
         raise ResultError(
-            f"tracking: the log has {time.size} rows from the motion's start on; {MIN_ROWS} are "
-            "needed, lower output.log_every"
+            f"tracking: the log has {time.size} rows from the motion's start on; "
+            f"{TRACKING.least_rows} are needed, lower output.log_every"
         )
     steps = np.diff(time)
     interval = float(time[-1] - time[0]) / (time.size - 1)
@@ -146,7 +157,9 @@ def _spectra(command: Array, achieved: Array, interval: float, lag: float) -> di
 
     # Of four hops: the squares of Hann windows three quarters apart add up to a constant, so that
     # every sample counts alike, those of a short pulse, too.
-    segment = 4 * (min(command.size, max(MIN_ROWS, round(SEGMENT / interval))) // 4)
+    segment = 4 * (
+        min(command.size, max(TRACKING.least_rows, round(TRACKING.segment / interval))) // 4
+    )
     # Zeros around give the first and last samples their full weight under the windows.
     x = np.pad(np.diff(command, 2), segment) / interval**2
     y = np.pad(np.diff(achieved, 2), segment) / interval**2
@@ -161,7 +174,7 @@ def _spectra(command: Array, achieved: Array, interval: float, lag: float) -> di
     frequency, power = welch(x / scale, **options)
     cross = csd(x / scale, y / scale, **options)[1]
     answer = welch(y / scale, **options)[1]
-    excited = power > EXCITED * power.max()
+    excited = power > TRACKING.excited * power.max()
     # The second difference has no power at 0 Hz, whatever leaks there.
     excited[0] = False
     transfer = np.full(cross.shape, complex(np.nan, np.nan))

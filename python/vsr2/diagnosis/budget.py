@@ -30,6 +30,7 @@ class ScheduleConstants:
         training_s: of a campaign, until a first training has been timed [s].
         least_training_s: of a campaign, however short a training was [s].
         leading: hypotheses that are reported while a diagnosis runs.
+        least_clock_s: least time that two readings of clocks are compared over [s].
         rounds: diagnoses of corrected scenes at most, where no number is asked for.
     """
 
@@ -42,12 +43,11 @@ class ScheduleConstants:
     training_s: float = 0.03
     least_training_s: float = 1e-4
     leading: int = 3
+    least_clock_s: float = 1e-3
     rounds: int = 4
 
 
 SCHEDULE = ScheduleConstants()
-MIN_S = 1e-3
-"""Least time that two readings of clocks are compared over [s]."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,8 @@ class Schedule:
         """Seconds of the budget that a second on the clock takes; all costs are on the clock."""
         if self._budget.cpu_minutes is None:
             return 1.0
-        return max(self._watch.cpu_s, MIN_S) / max(self._watch.wall_s, MIN_S)
+        least = SCHEDULE.least_clock_s
+        return max(self._watch.cpu_s, least) / max(self._watch.wall_s, least)
 
     def judging_s(self, trials: int) -> float:
         """What judging will take [s]."""

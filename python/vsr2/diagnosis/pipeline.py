@@ -5,7 +5,7 @@ from __future__ import annotations
 import logging
 import time
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
 from typing import Any
@@ -15,47 +15,34 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign, Tier
 from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule, Stopwatch
-from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge
-from vsr2.diagnosis.how_far.waterfall import WATERFALL, FullInference, Waterfall, waterfall
-from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
-from vsr2.diagnosis.observed.features import SERIES
+from vsr2.diagnosis.constants import diagnosis_constants
+from vsr2.diagnosis.how_far.held_out import HowFar, Loss, judge
+from vsr2.diagnosis.how_far.waterfall import FullInference, Waterfall, waterfall
+from vsr2.diagnosis.noise_floor import noise_floor
 from vsr2.diagnosis.observed.observations import (
-    OBSERVED,
     Observations,
     observe_campaign,
     same_trials,
 )
-from vsr2.diagnosis.observed.table_motion import TABLE
-from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
 from vsr2.diagnosis.posterior.files import load_posterior, save_posterior
-from vsr2.diagnosis.posterior.naming import NAMING
-from vsr2.diagnosis.posterior.network import NETWORK
-from vsr2.diagnosis.posterior.parameters import PARAMETERS
-from vsr2.diagnosis.posterior.summaries import SUMMARY
-from vsr2.diagnosis.posterior.training import TRAINING, Found, Posterior, label_probability, train
+from vsr2.diagnosis.posterior.training import Found, Posterior, label_probability, train
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.campaigns import (
-    SET_PRIOR,
     Campaigns,
     insensitive,
     plain_campaigns,
     simulate_campaigns,
 )
-from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
-from vsr2.diagnosis.simulated.look import LOOK, Look, look
-from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
-from vsr2.diagnosis.simulated.simulator import SIMULATION, Request, Simulator
+from vsr2.diagnosis.simulated.look import Look, look
+from vsr2.diagnosis.simulated.simulator import Request, Simulator
 from vsr2.diagnosis.verdict.compose import Evidence, compose
 from vsr2.diagnosis.verdict.document import Diagnosis
-from vsr2.diagnosis.verdict.limits import LIMITS
-from vsr2.diagnosis.verdict.next_measurement import MEASUREMENT
 from vsr2.diagnosis.verdict.rules import Verdict, verdict_of
 from vsr2.diagnosis.verdict.statements import BudgetState
 from vsr2.diagnosis.where.locations import where_it_lies
-from vsr2.diagnosis.where.scan import SCAN
 from vsr2.errors import DiagnosisError
 
 _logger = logging.getLogger(__name__)
@@ -225,7 +212,7 @@ def _noted(
         },
         "simulator": simulator.identity,
         "nuisances": list(simulator.nuisance_names),
-        "constants": _constants(),
+        "constants": diagnosis_constants(),
         "seed": question.seed,
     }
 
@@ -389,30 +376,3 @@ def _leading(found: Found, posterior: Posterior) -> dict[str, float]:
     names = (NONE, *posterior.sets.names, UNKNOWN)
     labels = label_probability(found.probability[None], posterior.sets)[0]
     return {names[i]: float(labels[i]) for i in np.argsort(-labels)[: SCHEDULE.leading]}
-
-
-def _constants() -> dict[str, dict[str, Any]]:
-    """Tuned numbers that a diagnosis rests on, by what they are of."""
-    return {
-        "observed": asdict(OBSERVED),
-        "series": asdict(SERIES),
-        "table_motion": asdict(TABLE),
-        "schedule": asdict(SCHEDULE),
-        "simulation": asdict(SIMULATION),
-        "look": asdict(LOOK),
-        "motion_noise": asdict(MOTION_NOISE),
-        "hypotheses": asdict(HYPOTHESIS),
-        "set_prior": asdict(SET_PRIOR),
-        "discrepancy": asdict(DISCREPANCY),
-        "summaries": asdict(SUMMARY),
-        "network": asdict(NETWORK),
-        "training": asdict(TRAINING),
-        "parameters": asdict(PARAMETERS),
-        "naming": asdict(NAMING),
-        "noise_floor": asdict(NOISE_FLOOR),
-        "scan": asdict(SCAN),
-        "held_out": asdict(HELD_OUT),
-        "waterfall": asdict(WATERFALL),
-        "measurement": asdict(MEASUREMENT),
-        "limits": asdict(LIMITS),
-    }

@@ -33,6 +33,7 @@ from vsr2.analysis.probability import (
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder
+from vsr2.diagnosis.constants import effect_constants
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
@@ -292,6 +293,7 @@ def predict(
                 "prediction": asdict(PREDICTION),
                 "reliability": asdict(RELIABILITY),
                 "margin": asdict(MARGIN),
+                **effect_constants(),
             },
             "seed": seed,
         },

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any, Self
 
 import numpy as np
@@ -28,11 +28,23 @@ from vsr2.motion.resample import resample
 from vsr2.motion.study_motions import CROSSOVER_ORDER, Recorded
 from vsr2.trial import Trial
 
-LOW_PASS_DAMPING = math.sqrt(0.5)
-"""Of the actuator's low-pass: Butterworth's."""
-LOOP_FREQUENCY = 3.0
-"""At which a saturated table comes back to its command [Hz]."""
-FILTER_ORDER = 3
+
+@dataclass(frozen=True)
+class ActuationConstants:
+    """How a shake table and its input channel answer.
+
+    Attributes:
+        low_pass_damping: damping ratio of the actuator's low-pass: Butterworth's, of second order.
+        loop_frequency: at which a saturated table comes back to its command [Hz]; chosen by hand.
+        filter_order: of the low-pass that smooths the input, Butterworth's; chosen by hand.
+    """
+
+    low_pass_damping: float = math.sqrt(0.5)
+    loop_frequency: float = 3.0
+    filter_order: int = 3
+
+
+ACTUATION = ActuationConstants()
 
 
 def _driven(
@@ -318,7 +330,8 @@ class InputFilter(Effect):
         # Amid rest, so that the filter rings out on both sides.
         pad = math.ceil(2.0 / corner / motion.time_step)
         amid = np.pad(_late(motion.displacement, pad), (0, pad), mode="edge")
-        smooth = band_pass(amid, motion.time_step, Filter(low=0.0, high=corner, order=FILTER_ORDER))
+        low_pass = Filter(low=0.0, high=corner, order=ACTUATION.filter_order)
+        smooth = band_pass(amid, motion.time_step, low_pass)
         path = differentiate(smooth, motion.time_step)
 
         def beside(side: SideMotion) -> SideMotion:
@@ -327,7 +340,8 @@ class InputFilter(Effect):
         return _driven(trial, path, f"low-pass {corner:g} Hz", beside)
 
     def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
-        return {"corner": half_passed(first["corner"], second["corner"], 2 * FILTER_ORDER)}
+        slope = 2 * ACTUATION.filter_order
+        return {"corner": half_passed(first["corner"], second["corner"], slope)}
 
 
 class TableGain(Effect):
@@ -389,8 +403,8 @@ class TableBandwidth(Effect):
         signals = (motion.displacement, motion.velocity, motion.acceleration)
         path = Kinematics(*(_late(signal, late) for signal in signals))
         if math.isfinite(corner):
-            path = held(path, ringing_samples(corner, LOW_PASS_DAMPING, step))
-            path = low_passed(path, corner, LOW_PASS_DAMPING, step)
+            path = held(path, ringing_samples(corner, ACTUATION.low_pass_damping, step))
+            path = low_passed(path, corner, ACTUATION.low_pass_damping, step)
         note = f"low-pass {corner:g} Hz, {late} samples late"
         return _driven(trial, path, note, lambda side: _late_side(side, late))
 
@@ -430,7 +444,8 @@ class TableSaturation(Effect):
         if motion.pgv <= velocity and motion.peak_acceleration <= acceleration:
             return trial
         path: Path = held(motion, round(2.0 / motion.time_step))
-        path = limited(path, velocity, acceleration, motion.time_step, loop=LOOP_FREQUENCY)
+        loop = ACTUATION.loop_frequency
+        path = limited(path, velocity, acceleration, motion.time_step, loop=loop)
         return _driven(trial, path, f"capped at {velocity:g} m/s and {acceleration:g} m/s^2")
 
 

@@ -11,9 +11,9 @@ from numpy.typing import NDArray
 
 from vsr2.effects.effect import Effect
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.rounding import rounded_hull
+from vsr2.effects.rounding import ROUNDING, rounded_hull
 from vsr2.effects.standing import (
-    SCAN_SETTLING,
+    STANDING,
     assert_stands,
     downwards,
     mass_height,
@@ -37,8 +37,6 @@ AZIMUTH = Parameter(
     "azimuth", "degree", 0.0, 0.0, 360.0, "uniform",
     "direction in plan, anticlockwise from x", limits=(-360.0, 360.0), secondary=True,
 )  # fmt: skip
-LEAST_RADIUS = 1e-4
-"""Of the rounding of a hull [m]."""
 
 
 def direction(azimuth: float) -> Array:
@@ -187,8 +185,8 @@ class EdgeRounding(Effect):
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         radius, rock, down = values["radius"], trial.scene.rock, downwards(trial)
         parts = tuple(rounded_part(part, radius, down, trial) for part in rock.parts)
-        if radius >= LEAST_RADIUS and any(isinstance(part, Hull) for part in rock.parts):
-            trial = settle_at(trial, SCAN_SETTLING)
+        if radius >= ROUNDING.least_radius and any(isinstance(part, Hull) for part in rock.parts):
+            trial = settle_at(trial, STANDING.scan_settling)
         return with_parts(trial, parts)
 
 
@@ -210,7 +208,8 @@ def rounded_part(part: Hull | Box, radius: float, down: Array, trial: Trial) -> 
         return Hull(box_with_margin(part, trial, radius))
     if isinstance(part, Box):
         return Hull(rounded_hull(box_corners(part), radius, down, ball=radius - margin))
-    return Hull(part.points if radius < LEAST_RADIUS else rounded_hull(part.points, radius, down))
+    sharp = radius < ROUNDING.least_radius
+    return Hull(part.points if sharp else rounded_hull(part.points, radius, down))
 
 
 class BaseAsperity(Effect):

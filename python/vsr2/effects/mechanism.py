@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import ClassVar
 
 from vsr2.effects.effect import Effect
@@ -163,6 +163,20 @@ class Adhesion(Mechanism):
     fields: ClassVar = {"strength": ("adhesion", 1e3)}
 
 
+@dataclass(frozen=True)
+class CatchConstants:
+    """What a caught rock counts as; chosen by hand.
+
+    Attributes:
+        toppled_share: of the slack, from which a rock that hangs in the tether has overturned.
+    """
+
+    toppled_share: float = 0.9
+
+
+CATCH = CatchConstants()
+
+
 class Catch(Mechanism):
     """A one-sided tether.
 
@@ -192,6 +206,6 @@ class Catch(Mechanism):
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         caught, outcome = super().change(trial, values), trial.outcome
-        most = min(outcome.toppled_tilt, 0.9 * caught.scene.mechanisms.catch_slack)
+        most = min(outcome.toppled_tilt, CATCH.toppled_share * caught.scene.mechanisms.catch_slack)
         toppled = max(outcome.rocked_tilt, most)
         return replace(caught, outcome=outcome.model_copy(update={"toppled_tilt": toppled}))

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 from vsr2.effects import geometry
 from vsr2.effects.actuation import TableGain
@@ -14,10 +14,21 @@ from vsr2.effects.parameter import Parameter
 from vsr2.effects.registration import Registration
 from vsr2.trial import Trial
 
-WEAR_STEPS = 32
-"""Wear advances in this many equal steps, so that trials share scenes."""
-MARKED_YAW = (-30.0, 30.0)
-"""Ends of the turn of a rock that is put back by its marks [degree]; chosen by hand."""
+
+@dataclass(frozen=True)
+class OrderConstants:
+    """What changes over a campaign; chosen by hand.
+
+    Attributes:
+        wear_steps: wear advances in this many equal steps, so that trials share scenes.
+        marked_yaw: ends of the turn of a rock that is put back by its marks [degree].
+    """
+
+    wear_steps: int = 32
+    marked_yaw: tuple[float, float] = (-30.0, 30.0)
+
+
+ORDER = OrderConstants()
 
 
 class Wear(Effect):
@@ -29,7 +40,7 @@ class Wear(Effect):
     name = "wear"
     meaning = (
         "Edges wear: tan(alpha) falls in proportion to the order of execution, by `loss` at the "
-        f"end, in {WEAR_STEPS} equal steps"
+        f"end, in {ORDER.wear_steps} equal steps"
     )
     parameters = (
         Parameter(
@@ -43,7 +54,7 @@ class Wear(Effect):
     stage = "order"
 
     def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
-        worn = round(circumstances.order * WEAR_STEPS) / WEAR_STEPS
+        worn = round(circumstances.order * ORDER.wear_steps) / ORDER.wear_steps
         return {"loss": values["loss"] * worn}
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
@@ -163,7 +174,7 @@ class Session(Step):
         *_of_parts(
             parts,
             {
-                "registration_yaw": MARKED_YAW,
+                "registration_yaw": ORDER.marked_yaw,
                 "registration_lean": None,
                 "registration_lean_azimuth": None,
                 "friction_factor": None,

@@ -7,6 +7,7 @@ velocity and acceleration belong to one solution whatever the time step.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TypeAlias
 
@@ -21,10 +22,21 @@ Array = NDArray[np.float64]
 Path: TypeAlias = Kinematics | Motion | Resampled
 """Whatever has displacement, velocity and acceleration, each of shape (n,), in SI units."""
 
-RINGING = 1e-6
-"""Share to which free oscillations decay before a motion is taken to be at rest."""
-MAX_RINGING = 5.0
-"""Longest time appended for that [s]."""
+
+@dataclass(frozen=True)
+class OscillatorConstants:
+    """When a driven system is taken to be at rest; chosen by hand.
+
+    Attributes:
+        rest_share: share to which free oscillations decay before.
+        longest_ringing: longest time appended for that [s].
+    """
+
+    rest_share: float = 1e-6
+    longest_ringing: float = 5.0
+
+
+OSCILLATOR = OscillatorConstants()
 
 
 def held(path: Path, count: int) -> Kinematics:
@@ -37,11 +49,13 @@ def held(path: Path, count: int) -> Kinematics:
 
 
 def ringing_samples(frequency: float, ratio: float, time_step: float) -> int:
-    """Samples until free oscillations have decayed to `RINGING`, at most `MAX_RINGING`."""
+    """Samples until free oscillations have decayed, as `OscillatorConstants` have it."""
     omega = 2 * math.pi * frequency
     # Overdamped systems decay with the smaller root.
     rate = ratio * omega if ratio <= 1 else omega * (ratio - math.sqrt(ratio**2 - 1))
-    return math.ceil(min(-math.log(RINGING) / rate, MAX_RINGING) / time_step)
+    return math.ceil(
+        min(-math.log(OSCILLATOR.rest_share) / rate, OSCILLATOR.longest_ringing) / time_step
+    )
 
 
 def respond(

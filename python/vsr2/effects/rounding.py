@@ -13,6 +13,7 @@ above meets the pedestal after overturning only.
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,11 +26,26 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-FINE_STEP = math.radians(4.0)
-"""Spacing of directions on the pieces of sphere that meet the pedestal while rocking."""
-COARSE_STEP = math.radians(12.0)
-FINE_REACH = math.radians(44.0)
-"""Tilt up to which the spacing is fine."""
+
+@dataclass(frozen=True)
+class RoundingConstants:
+    """How finely round edges are made of points; chosen by hand.
+
+    Attributes:
+        fine_step: spacing of directions on the pieces of sphere that meet the pedestal while
+            rocking [rad].
+        coarse_step: of the other directions [rad].
+        fine_reach: tilt up to which the spacing is fine [rad].
+        least_radius: smaller radii leave a hull as it is [m].
+    """
+
+    fine_step: float = math.radians(4.0)
+    coarse_step: float = math.radians(12.0)
+    fine_reach: float = math.radians(44.0)
+    least_radius: float = 1e-4
+
+
+ROUNDING = RoundingConstants()
 _SAME = 1e-9
 
 
@@ -154,7 +170,8 @@ def _directions(down: Array) -> Array:
     rows = [down[None, :]]
     polar = 0.0
     while polar < 0.5 * math.pi - 1e-9:
-        step = FINE_STEP if polar < FINE_REACH - 1e-9 else COARSE_STEP
+        fine = polar < ROUNDING.fine_reach - 1e-9
+        step = ROUNDING.fine_step if fine else ROUNDING.coarse_step
         polar = min(polar + step, 0.5 * math.pi)
         # A multiple of 4, so that the directions of the frame's own axes are among them.
         count = 4 * math.ceil(0.5 * math.pi * math.sin(polar) / step)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,9 +20,20 @@ from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
-SCAN_SETTLING = 4.0
-"""Times the default speeds, at which a scan, which may tremble on its points, counts as at rest;
-chosen by hand."""
+
+@dataclass(frozen=True)
+class StandingConstants:
+    """When a changed rock counts as standing; chosen by hand.
+
+    Attributes:
+        scan_settling: times the default speeds, at which a scan, which may tremble on its points,
+            counts as at rest.
+    """
+
+    scan_settling: float = 4.0
+
+
+STANDING = StandingConstants()
 
 
 def support_of(trial: Trial) -> Support:

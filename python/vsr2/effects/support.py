@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
-from dataclasses import replace
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from vsr2.effects.effect import Effect
 from vsr2.effects.geometry import rounded_part, with_parts
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.standing import SCAN_SETTLING, downwards, settle_at
+from vsr2.effects.standing import STANDING, downwards, settle_at
 from vsr2.effects.underside import Array, flattened, narrowed, settled_down, smoothed
 from vsr2.errors import GeometryError
 from vsr2.scene import Box, Hull
@@ -18,9 +18,21 @@ from vsr2.scene.rotation import matrix_from_quaternion
 from vsr2.scene.shapes import box_corners, rock_points
 from vsr2.trial import Trial
 
-BASE_ZONE = 0.015
-"""Height of the base zone over that of the mass centre; chosen by hand. A quadric follows the hull
-of the laboratory's SP1 within 0.2 mm (rms) up to here, and within 2 mm at twice this height."""
+
+@dataclass(frozen=True)
+class SupportConstants:
+    """What of a rock is its base; chosen by hand.
+
+    Attributes:
+        base_zone: height of the base zone over that of the mass centre. A quadric follows the hull
+            of the laboratory's SP1 within 0.2 mm (rms) up to here, and within 2 mm at twice this
+            height.
+    """
+
+    base_zone: float = 0.015
+
+
+SUPPORT = SupportConstants()
 _UPRIGHT = 1e-6
 
 
@@ -81,7 +93,7 @@ class SupportRegion(Effect):
         center = rock.mass.mass_center
         down = settled_down(every, center, downwards(trial))
         level = float((every @ down).max())
-        zone = BASE_ZONE * (level - float(center @ down))
+        zone = SUPPORT.base_zone * (level - float(center @ down))
         parts: list[Hull | Box] = []
         for part in rock.parts:
             points = part.points if isinstance(part, Hull) else box_corners(part)
@@ -97,7 +109,7 @@ class SupportRegion(Effect):
                 made = rounded_part(made, values["rim"], down, trial)
             parts.append(made)
         if any(isinstance(part, Hull) for part in rock.parts):
-            trial = settle_at(trial, SCAN_SETTLING)
+            trial = settle_at(trial, STANDING.scan_settling)
         return with_parts(trial, tuple(parts))
 
 

@@ -27,7 +27,7 @@ from vsr2._native import FastRefusal
 from vsr2.config.study import Output
 from vsr2.effects import Check, Effect, with_effects
 from vsr2.effects.registry import BUILT_IN
-from vsr2.effects.standing import SCAN_SETTLING, settle_at
+from vsr2.effects.standing import STANDING, settle_at
 from vsr2.errors import SimulationError, Vsr2Error
 from vsr2.motion import Motion
 from vsr2.results import JUDGED, BatchResult
@@ -263,7 +263,7 @@ class EffectChecker:
 
     def _shaken(self, rock: Rock) -> Trial:
         trial = self.standing(rock)
-        return settle_at(trial, SCAN_SETTLING) if rock == "scan" else trial
+        return settle_at(trial, STANDING.scan_settling) if rock == "scan" else trial
 
     def without(self, rock: Rock) -> tuple[list[Trial], Array, Array]:
         """Trials, their features (motions, draws, 4) and the floor (motions, 4)."""

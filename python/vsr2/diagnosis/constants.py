@@ -1,0 +1,76 @@
+"""Tuned numbers that a diagnosis rests on, gathered for its provenance."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from vsr2.diagnosis.budget import SCHEDULE
+from vsr2.diagnosis.how_far.held_out import HELD_OUT
+from vsr2.diagnosis.how_far.waterfall import WATERFALL
+from vsr2.diagnosis.noise_floor import NOISE_FLOOR
+from vsr2.diagnosis.observed.features import SERIES
+from vsr2.diagnosis.observed.observations import OBSERVED
+from vsr2.diagnosis.observed.table_motion import TABLE
+from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
+from vsr2.diagnosis.posterior.naming import NAMING
+from vsr2.diagnosis.posterior.network import NETWORK
+from vsr2.diagnosis.posterior.parameters import PARAMETERS
+from vsr2.diagnosis.posterior.summaries import SUMMARY
+from vsr2.diagnosis.posterior.training import TRAINING
+from vsr2.diagnosis.simulated.campaigns import SET_PRIOR
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
+from vsr2.diagnosis.simulated.look import LOOK
+from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
+from vsr2.diagnosis.simulated.simulator import SIMULATION
+from vsr2.diagnosis.verdict.limits import LIMITS
+from vsr2.diagnosis.verdict.next_measurement import MEASUREMENT
+from vsr2.diagnosis.where.scan import SCAN
+from vsr2.effects.actuation import ACTUATION
+from vsr2.effects.mechanism import CATCH
+from vsr2.effects.order import ORDER
+from vsr2.effects.oscillator import OSCILLATOR
+from vsr2.effects.rounding import ROUNDING
+from vsr2.effects.standing import STANDING
+from vsr2.effects.support import SUPPORT
+
+
+def effect_constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers of the library of effects, by what they are of."""
+    return {
+        "actuation": asdict(ACTUATION),
+        "catch": asdict(CATCH),
+        "order": asdict(ORDER),
+        "oscillator": asdict(OSCILLATOR),
+        "rounding": asdict(ROUNDING),
+        "standing": asdict(STANDING),
+        "support": asdict(SUPPORT),
+    }
+
+
+def diagnosis_constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers of a diagnosis, by what they are of; those of the effects among them."""
+    return {
+        "observed": asdict(OBSERVED),
+        "series": asdict(SERIES),
+        "table_motion": asdict(TABLE),
+        "schedule": asdict(SCHEDULE),
+        "simulation": asdict(SIMULATION),
+        "look": asdict(LOOK),
+        "motion_noise": asdict(MOTION_NOISE),
+        "hypotheses": asdict(HYPOTHESIS),
+        "set_prior": asdict(SET_PRIOR),
+        "discrepancy": asdict(DISCREPANCY),
+        "summaries": asdict(SUMMARY),
+        "network": asdict(NETWORK),
+        "training": asdict(TRAINING),
+        "parameters": asdict(PARAMETERS),
+        "naming": asdict(NAMING),
+        "noise_floor": asdict(NOISE_FLOOR),
+        "scan": asdict(SCAN),
+        "held_out": asdict(HELD_OUT),
+        "waterfall": asdict(WATERFALL),
+        "measurement": asdict(MEASUREMENT),
+        "limits": asdict(LIMITS),
+        **effect_constants(),
+    }
