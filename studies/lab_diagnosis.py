@@ -1,6 +1,6 @@
 """The diagnosis of the laboratory's campaign on specimen SP1.
 
-    vsr2 campaign import-lab SOURCE out/lab
+    vsr2 campaign import-lab SOURCE --out out/lab
     python studies/lab_diagnosis.py [--budget-minutes N | --campaigns N] [--most-effects N] \
         [--threads N]
 

@@ -1,6 +1,6 @@
 """The laboratory's campaign on specimen SP1, predicted by margins of scenes drawn from wide priors.
 
-    vsr2 campaign import-lab SOURCE out/lab
+    vsr2 campaign import-lab SOURCE --out out/lab
     python studies/lab_margins.py [--replicates N] [--threads N]
 
 Nothing is chosen by hand from the outcomes: how the specimen stands (over the full circle), its

@@ -1,7 +1,7 @@
 """Predictions for the laboratory's second specimen, written before its outcomes are looked at.
 
-    vsr2 campaign import-lab SOURCE out/lab
-    vsr2 campaign import-lab SOURCE out/lab_sp2 --specimen SP2
+    vsr2 campaign import-lab SOURCE --out out/lab
+    vsr2 campaign import-lab SOURCE --out out/lab_sp2 --specimen SP2
     python studies/lab_second_specimen.py [--replicates N] [--threads N]
 
 Both specimens stood on the table in every test. What belongs to the table comes from the outcomes

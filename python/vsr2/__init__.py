@@ -3,9 +3,11 @@
 `run_batch` runs a study; `Simulation` is one world to step; the command line is `vsr2`.
 """
 
-from typing import TYPE_CHECKING, Any
-
+# Nothing is imported: what comes before `vsr2.cli.entry` is not guarded against Ctrl-C.
+TYPE_CHECKING = False
 if TYPE_CHECKING:
+    from typing import Any
+
     __version__: str
     from vsr2.config import Study, load_study
     from vsr2.diagnosis import Diagnosis
@@ -40,7 +42,7 @@ __all__ = [
 _ROOMS = ("config", "motion", "scene", "trial", "effects", "results", "simulation", "diagnosis")
 
 
-def __getattr__(name: str) -> Any:
+def __getattr__(name: str) -> "Any":
     # A room is imported with the first name asked of it: `vsr2 --version` needs none.
     from importlib import import_module
 

@@ -218,7 +218,7 @@ def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path,
     sizes += ["--replicates", "4", "--signal-trials", "8"]
     counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
     pack = tmp_path / "pack"
-    command = ["blind", "make", str(SCENE), str(pack), "--seed", "4", *sizes, *counts]
+    command = ["blind", "make", str(SCENE), "--out", str(pack), "--seed", "4", *sizes, *counts]
     command += ["--engine", "mujoco", "--engine", "bullet", "--quiet"]
     assert main(command) == 2
     assert "--development" in capsys.readouterr().err
@@ -242,15 +242,15 @@ def test_a_pack_needs_a_name_or_a_key(quick, tmp_path, capsys, monkeypatch) -> N
     here = tmp_path / "here"
     here.mkdir()
     monkeypatch.chdir(here)
-    assert main(["blind", "make", str(SCENE), "."]) == 0
+    assert main(["blind", "make", str(SCENE), "--out", "."]) == 0
     assert asked == [(Path("."), tmp_path / "here-key")]
     capsys.readouterr()
-    assert main(["blind", "make", str(SCENE), "/"]) == 2
+    assert main(["blind", "make", str(SCENE), "--out", "/"]) == 2
     assert "/: has no name that the key's folder could have; add --key" in capsys.readouterr().err
 
 
 def test_the_command_refuses_sizes_that_no_diagnosis_takes(quick, tmp_path, capsys) -> None:
-    command = ["blind", "make", str(SCENE), str(tmp_path / "pack")]
+    command = ["blind", "make", str(SCENE), "--out", str(tmp_path / "pack")]
     for size, message in (
         (["--trials", "39"], "--trials is 39; `vsr2 blind diagnose` takes campaigns of 40"),
         (["--motions", "3"], "--motions is 3; `vsr2 blind diagnose` takes campaigns of 4"),
@@ -274,7 +274,7 @@ def test_leaving_out_in_turn_keeps_what_is_asked_for(
         return Made(0, "", {"mujoco": ["wear below 0"]}, {"mujoco": {"friction": 2}})
 
     monkeypatch.setattr(vsr2.blind, "make_pack", made)
-    command = ["blind", "make", str(SCENE), str(tmp_path), "--leave-one-out", "2", *asked]
+    command = ["blind", "make", str(SCENE), "--out", str(tmp_path), "--leave-one-out", "2", *asked]
     assert main(command) == 0
     assert seen[0].leave_one_out == 2
     counts = dict.fromkeys(KINDS, 0) | expected
@@ -284,7 +284,7 @@ def test_leaving_out_in_turn_keeps_what_is_asked_for(
 def test_the_command_says_what_was_not_drawn(tmp_path, monkeypatch, capsys) -> None:
     found = Made(3, "ff", {"bullet": ["base_asperity", "wear below 0"]}, {"bullet": {"inertia": 2}})
     monkeypatch.setattr(vsr2.blind, "make_pack", lambda *args, **how: found)
-    assert main(["blind", "make", str(SCENE), str(tmp_path)]) == 0
+    assert main(["blind", "make", str(SCENE), "--out", str(tmp_path)]) == 0
     said = capsys.readouterr().out
     assert "bullet: no magnitudes from 0.5 to 6 detection limits, not drawn: base_asperity" in said
     assert "wear below 0" in said

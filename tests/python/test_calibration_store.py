@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -29,6 +30,61 @@ def test_what_was_stored_is_found_again(tmp_path):
         assert found.failed == 1
         assert store.by_plan("other").values["p"] == 2.0
         assert store.by_key("k3") is None
+
+
+@pytest.mark.parametrize(
+    ("changed", "said"),
+    [
+        ({"seconds": 10**400}, "seconds"),
+        ({"seconds": float("inf")}, "seconds"),
+        ({"seconds": True}, "seconds"),
+        ({"plan": None}, "plan"),
+        ({"key": [1]}, "key"),
+        ({"values": [1]}, "values"),
+        ({"predicted": ["0"] * 3}, "predicted"),
+        ({"predicted": "012"}, "predicted"),
+    ],
+)
+def test_a_record_that_no_search_wrote_is_refused(changed, said, tmp_path):
+    with EvaluationStore(tmp_path, "c", 3) as store:
+        store.keep("k1", evaluation())
+    file = tmp_path / "evaluations.jsonl"
+    head, record = file.read_text().splitlines()
+    file.write_text(f"{head}\n{json.dumps({**json.loads(record), **changed})}\n")
+    with pytest.raises(ResultError, match=rf"evaluations\.jsonl:2: damaged \({said}\)"):
+        EvaluationStore(tmp_path, "c", 3)
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("[1, 2]", "is no record"),
+        ("7" * 5000, "is no JSON of VSR2"),
+        ("[" * 100_000, "is no JSON of VSR2"),
+        ("{}", "key is missing"),
+    ],
+)
+def test_a_damaged_line_is_reported_without_words_of_the_language(line, said, tmp_path):
+    with EvaluationStore(tmp_path, "c", 3) as store:
+        store.keep("k1", evaluation())
+    file = tmp_path / "evaluations.jsonl"
+    file.write_text(f"{file.read_text()}{line}\n")
+    with pytest.raises(ResultError, match=rf":3: damaged \({said}\)"):
+        EvaluationStore(tmp_path, "c", 3)
+
+
+@pytest.mark.parametrize("inner", ["running", "running/0123", "figures"])
+def test_overwriting_a_calibration_follows_no_link(inner, tmp_path):
+    elsewhere = tmp_path / "elsewhere"
+    kept = elsewhere / "0123" / "journal.jsonl"
+    kept.parent.mkdir(parents=True)
+    kept.write_text("not ours")
+    folder = prepare_calibration_folder(tmp_path / "out")
+    (folder / inner).parent.mkdir(exist_ok=True)
+    (folder / inner).symlink_to(kept.parent if "/" in inner else elsewhere)
+    with pytest.raises(ResultError, match="is a link, through which no result"):
+        prepare_calibration_folder(folder, overwrite=True)
+    assert kept.read_text() == "not ours"
 
 
 def test_a_folder_with_a_calibration_is_not_overwritten_unasked(tmp_path):

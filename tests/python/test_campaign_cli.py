@@ -60,7 +60,7 @@ def test_simulate_checks_before_it_runs_and_resumes(tmp_path, capsys):
     study.write_text(STUDY)
     options = ["--threads", "1", "--noise-tilt", "0.001", "--series-every", "20"]
     options += ["--session-size", "1", "--name", "made"]
-    assert run("simulate", study, tmp_path / "c", *options) == 0
+    assert run("simulate", study, "--out", tmp_path / "c", *options) == 0
     assert "2: 1 overturned, 1 not, 0 unknown" in capsys.readouterr().out
     made = load_campaign(tmp_path / "c")
     assert made.name == "made"
@@ -70,13 +70,13 @@ def test_simulate_checks_before_it_runs_and_resumes(tmp_path, capsys):
     np.testing.assert_allclose(np.diff(made.trials[0].series.time), 0.02, atol=1e-9)
     assert run("check", tmp_path / "c") == 0
     with pytest.raises(CampaignError, match="already holds a campaign"):
-        run("simulate", study, tmp_path / "c", *options)
+        run("simulate", study, "--out", tmp_path / "c", *options)
     capsys.readouterr()
-    assert run("simulate", study, tmp_path / "c", *options, "--resume", "--quiet") == 0
+    assert run("simulate", study, "--out", tmp_path / "c", *options, "--resume", "--quiet") == 0
     assert capsys.readouterr().out == ""
     with pytest.raises(CampaignError, match="from another study"):
-        run("simulate", study, tmp_path / "c", *options, "--resume", "--seed", "1")
-    assert run("simulate", study, tmp_path / "c", "--overwrite", "--quiet") == 0
+        run("simulate", study, "--out", tmp_path / "c", *options, "--resume", "--seed", "1")
+    assert run("simulate", study, "--out", tmp_path / "c", "--overwrite", "--quiet") == 0
     assert load_campaign(tmp_path / "c").tier == "M"
 
 
@@ -88,11 +88,11 @@ def test_a_killed_simulation_resumes_to_the_same_campaign(tmp_path):
     )
     options = ["--threads", "2", "--noise-tilt", "0.001", "--series-every", "20", "--quiet"]
     study = tmp_path / "study.yaml"
-    assert run("simulate", study, tmp_path / "calm", *options) == 0
+    assert run("simulate", study, "--out", tmp_path / "calm", *options) == 0
     assert not (tmp_path / "calm.checkpoint").exists()
 
     command = [sys.executable, "-m", "vsr2.cli.main", "campaign", "simulate", str(study)]
-    command += [str(tmp_path / "wild"), *options]
+    command += ["--out", str(tmp_path / "wild"), *options]
     journal = tmp_path / "wild.checkpoint" / "journal.jsonl"
     child = subprocess.Popen(command)
     while child.poll() is None:
@@ -105,7 +105,7 @@ def test_a_killed_simulation_resumes_to_the_same_campaign(tmp_path):
     logs = {path: path.stat().st_mtime_ns for path in logs_of_finished(journal)}
     assert len(logs) > 4
     with pytest.raises(CampaignError, match="--resume"):
-        run("simulate", study, tmp_path / "wild", *options)
+        run("simulate", study, "--out", tmp_path / "wild", *options)
     # Killed again, after the last trial: the journal is whole, the campaign not there yet.
     script = (
         "import os, sys, vsr2.campaign\n"
@@ -116,7 +116,7 @@ def test_a_killed_simulation_resumes_to_the_same_campaign(tmp_path):
     ended = subprocess.run([sys.executable, "-c", script, *command[3:], "--resume"], check=False)
     assert ended.returncode == 9
     assert {path: path.stat().st_mtime_ns for path in logs} == logs
-    assert run("simulate", study, tmp_path / "wild", *options, "--resume") == 0
+    assert run("simulate", study, "--out", tmp_path / "wild", *options, "--resume") == 0
     calm, wild = load_campaign(tmp_path / "calm"), load_campaign(tmp_path / "wild")
     assert_equal(replace(calm, provenance={}), replace(wild, provenance={}))
     assert not (tmp_path / "wild.checkpoint").exists()
@@ -134,11 +134,11 @@ def test_import_lab_reports_what_it_wrote(tmp_path, capsys):
     (source / "trials.csv").write_text(
         "test,sp1_overturned,date,motion\n7,1,20210621,RSN1\n8,0,20210621,RSN2\n"
     )
-    assert run("import-lab", source, tmp_path / "c") == 0
+    assert run("import-lab", source, "--out", tmp_path / "c") == 0
     assert "0 files for 0 trials" in capsys.readouterr().out
     assert len(load_campaign(tmp_path / "c")) == 2
     with pytest.raises(CampaignError, match="already holds"):
-        run("import-lab", source, tmp_path / "c")
+        run("import-lab", source, "--out", tmp_path / "c")
 
 
 def test_bad_options_and_folders_are_named(tmp_path, capsys):
@@ -150,7 +150,7 @@ def test_bad_options_and_folders_are_named(tmp_path, capsys):
         ("--session-size", "0"): "--session-size 0: give 1 or more trials a session",
     }.items():
         with pytest.raises(CampaignError, match=f"^{match}"):
-            run("simulate", study, tmp_path / "c", *arguments)
+            run("simulate", study, "--out", tmp_path / "c", *arguments)
     assert not (tmp_path / "c").exists()
     assert run("check", tmp_path / "nothere") == 2
     assert f"{tmp_path / 'nothere'}: no such folder; check the path" in capsys.readouterr().out

@@ -101,7 +101,7 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
     ("line", "message"),
     [
         ("rum study.yaml", 'Did you mean "run"'),
-        ("campaign simulte a b", 'Did you mean "simulate"'),
+        ("campaign simulte a --out b", 'Did you mean "simulate"'),
         ("--verson", 'Did you mean "--version"'),
         ("run study.yaml --thread 2", "Did you mean --threads"),
         ("run study.yaml --overwrit", "Did you mean --overwrite"),
@@ -113,9 +113,9 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
         ("run", "STUDY requires an argument"),
         ("inertia a.obj --mass 1 --density 2", "Mutually exclusive arguments"),
         ("diagnose folder --out o", "--scene requires an argument"),
-        ("blind make a b --engine mujcoo", 'Did you mean "mujoco"'),
-        ("blind make a b --single", "--single requires at least 1 element"),
-        ("blind make a b --single 1 2.5", '"1 2.5" is no whole number'),
+        ("blind make a --out b --engine mujcoo", 'Did you mean "mujoco"'),
+        ("blind make a --out b --single", "--single requires at least 1 element"),
+        ("blind make a --out b --single 1 2.5", '"1 2.5" is no whole number'),
         (
             "blind diagnose d --out o --campaigns 300 --budget-minutes 1",
             "Mutually exclusive arguments",
@@ -124,7 +124,7 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
             "diagnose d --scene s --out o --budget-minutes 3 --budget-cpu-minutes 1",
             "Mutually exclusive arguments",
         ),
-        ("motion convert a b --units furlong", "Choose from"),
+        ("motion convert a --out b --units furlong", "Choose from"),
         ("motion info", "FILES requires an argument"),
         ("config import-ros2", "FILES requires an argument"),
     ],
@@ -292,6 +292,8 @@ def test_diagnose_hands_budget_and_cache_on(
         raise DiagnosisError("seen enough")
 
     monkeypatch.setattr("vsr2.diagnosis.diagnose", stop)
+    monkeypatch.setattr("vsr2.campaign.load_campaign", lambda folder: SimpleNamespace(name=folder))
+    monkeypatch.setattr("vsr2.cli.options.scene", lambda path, settings: None)
     line = ["diagnose", "folder", "--scene", "s.yaml", "--out", str(tmp_path), "--campaigns", "300"]
     assert main([*line, "--cache", str(tmp_path / "shared")]) == 2
     assert "seen enough" in capsys.readouterr().err
@@ -315,6 +317,7 @@ def test_diagnose_hands_references_on(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
     monkeypatch.setattr("vsr2.diagnosis.diagnose", stop)
     monkeypatch.setattr("vsr2.campaign.load_campaign", lambda folder: SimpleNamespace(name=folder))
+    monkeypatch.setattr("vsr2.cli.options.scene", lambda path, settings: None)
     line = ["diagnose", "folder", "--scene", "s.yaml", "--out", str(tmp_path)]
     assert main([*line, "--reference", "one", "--reference", "other"]) == 2
     assert asked == [Path("one"), Path("other")]

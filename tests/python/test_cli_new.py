@@ -25,7 +25,7 @@ def folder(tmp_path: Path) -> Path:
     (tmp_path / "records").mkdir()
     for number in ("02", "08"):
         shutil.copy(ROOT / "configs" / "motions" / f"synthetic_{number}.csv", tmp_path / "records")
-    block = [str(ROOT / "configs" / "block_grid.yaml"), str(tmp_path / "campaign")]
+    block = [str(ROOT / "configs" / "block_grid.yaml"), "--out", str(tmp_path / "campaign")]
     few = ["--set", "motion.pga_g.max=0.25", "--set", "motion.pgv_pga.max=0.08", "--quiet"]
     assert main(["campaign", "simulate", *block, *few]) == 0
     return tmp_path
@@ -36,7 +36,7 @@ def test_a_template_is_a_file_that_checks(
     template: str, folder: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = folder / "mine.yaml"
-    assert main(["new", template, str(path)]) == 0
+    assert main(["new", template, "--out", str(path)]) == 0
     assert str(path) in capsys.readouterr().out
     assert main(["config", "check", str(path)]) == 0, capsys.readouterr().err
     modeline = re.match(r"# yaml-language-server: \$schema=(\S+)\n", path.read_text())
@@ -49,14 +49,14 @@ def test_what_is_to_be_filled_in_is_told(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "deep" / "mine.yaml"
-    assert main(["new", "rock", str(path)]) == 0
+    assert main(["new", "rock", "--out", str(path)]) == 0
     assert main(["config", "check", str(path)]) == 2
     assert "rock.obj" in capsys.readouterr().err
 
 
 def test_the_block_runs_as_it_is(tmp_path: Path) -> None:
     path = tmp_path / "block.yaml"
-    assert main(["new", "block", str(path)]) == 0
+    assert main(["new", "block", "--out", str(path)]) == 0
     out = tmp_path / "out"
     assert main(["run", str(path), "--out", str(out), "--quiet", "--no-figures"]) == 0
     assert len((out / "trials.csv").read_text().splitlines()) == 1 + 6 * 8
@@ -67,12 +67,12 @@ def test_no_file_is_lost_and_a_mistyped_template_gets_its_neighbour(
 ) -> None:
     path = tmp_path / "mine.yaml"
     path.write_text("name: mine\n")
-    assert main(["new", "block", str(path)]) == 2
+    assert main(["new", "block", "--out", str(path)]) == 2
     assert "add --overwrite" in capsys.readouterr().err
     assert path.read_text() == "name: mine\n"
-    assert main(["new", "block", str(path), "--overwrite"]) == 0
+    assert main(["new", "block", "--out", str(path), "--overwrite"]) == 0
     assert "cosine" in path.read_text()
-    assert main(["new", "blok", str(path)]) == 2
+    assert main(["new", "blok", "--out", str(path)]) == 2
     assert 'Did you mean "block"' in capsys.readouterr().err
-    assert main(["new", "block", str(tmp_path / "mine.txt")]) == 2
+    assert main(["new", "block", "--out", str(tmp_path / "mine.txt")]) == 2
     assert "end it in .yaml" in capsys.readouterr().err

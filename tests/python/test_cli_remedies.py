@@ -12,6 +12,7 @@ from pathlib import Path
 
 import pytest
 
+import vsr2
 from vsr2.cli.main import main
 
 STUDY = """\
@@ -95,7 +96,8 @@ def test_a_result_is_distinguished_from_a_campaign(
     message = capsys.readouterr().err
     assert message == (
         f"vsr2: {out}: is a result of `vsr2 run` or `vsr2 fragility`, not a campaign; give a "
-        "campaign's folder, or make one of the study by `vsr2 campaign simulate STUDY DEST`\n"
+        "campaign's folder, or make one of the study by `vsr2 campaign simulate STUDY --out "
+        "FOLDER`\n"
     )
     assert not (tmp_path / "d").exists()
 
@@ -145,7 +147,8 @@ def test_files_that_are_written_get_their_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "new" / "folder" / "made.csv"
-    line = ("motion", "generate", "--pga-g", 0.3, "--pgv-pga", 0.1, "--duration", 5, target)
+    wish = ("--pga-g", 0.3, "--pgv-pga", 0.1, "--duration", 5)
+    line = ("motion", "generate", *wish, "--out", target)
     assert run(*line) == 0
     assert target.exists()
     (tmp_path / "file").touch()
@@ -153,7 +156,7 @@ def test_files_that_are_written_get_their_folder(
     assert "its folder cannot be made" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize("empty", [["--out", ""], ["--out="], ["--set", ""]])
+@pytest.mark.parametrize("empty", [["--out", ""], ["--out="], ["--out", " "], ["--set", ""]])
 def test_an_empty_argument_is_refused(
     empty: list[str], study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch,
     capsys: pytest.CaptureFixture[str],
@@ -185,23 +188,44 @@ def test_a_working_folder_that_is_gone_stops_nothing_that_has_absolute_paths(
     assert (tmp_path / "out" / "trials.csv").exists()
 
 
-def test_ctrl_c_while_modules_are_imported_has_its_exit_code() -> None:
-    code = textwrap.dedent(
-        """
-        import sys
+@pytest.mark.parametrize(
+    ("name", "code", "said"),
+    [
+        ("SIGINT", 130, "vsr2: interrupted\n"),
+        ("SIGTERM", 143, "vsr2: ended by SIGTERM\n"),
+    ],
+)
+def test_a_signal_while_modules_are_imported_is_said_and_has_its_exit_code(
+    name: str, code: int, said: str
+) -> None:
+    script = textwrap.dedent(
+        f"""
+        import signal, sys
 
         class Interrupt:
             def find_spec(self, name, path=None, target=None):
                 if name == "cyclopts":
-                    raise KeyboardInterrupt
+                    signal.raise_signal(signal.{name})
 
         sys.meta_path.insert(0, Interrupt())
         from vsr2.cli.entry import program
         sys.exit(program())
         """
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True)
-    assert (done.returncode, done.stderr) == (130, "vsr2: interrupted\n")
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert (done.returncode, done.stderr) == (code, said)
+
+
+def test_nothing_is_imported_before_ctrl_c_is_guarded_against() -> None:
+    """The packages that the entry point is imported through import nothing by themselves."""
+    code = "import sys; known = set(sys.modules); import vsr2.cli.entry; "
+    code += "print(*sorted(set(sys.modules) - known))"
+    # -S: else files of the environment import for themselves.
+    done = subprocess.run(
+        [sys.executable, "-S", "-c", code], capture_output=True, text=True, check=True,
+        env={**os.environ, "PYTHONPATH": str(Path(vsr2.__file__).parents[1])},
+    )  # fmt: skip
+    assert done.stdout.split() == ["vsr2", "vsr2.cli", "vsr2.cli.entry"]
 
 
 def test_sigterm_keeps_what_is_finished_and_says_so(study: Path, tmp_path: Path) -> None:

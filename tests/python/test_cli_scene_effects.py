@@ -71,7 +71,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     save_campaign(simulate_campaign(study, threads=1), out / "campaign")
     with quick():
         for effects in (False, True):
-            run("blind", "make", scene(out, effects=effects), out / f"pack{effects}", *PACK)
+            run(
+                "blind", "make", scene(out, effects=effects), "--out", out / f"pack{effects}", *PACK
+            )
     return out
 
 
@@ -86,7 +88,7 @@ def ran(folder: Path, out: Path, *, effects: bool) -> object:
 
 
 def simulated(folder: Path, out: Path, *, effects: bool) -> object:
-    run("campaign", "simulate", scene(folder, effects=effects), out, "--quiet")
+    run("campaign", "simulate", scene(folder, effects=effects), "--out", out, "--quiet")
     return load_campaign(out).overturned.tolist()
 
 
@@ -194,7 +196,7 @@ def test_packs_of_mujoco_refuse_effects_of_the_scene(folder, tmp_path) -> None:
     line = [one if one != "bullet" else "mujoco" for one in PACK]
     wanted = r"effects\.table_gain is \{'change': 0\.15\}, .* leave them out, or --engine bullet"
     with quick(), pytest.raises(BlindError, match=wanted):
-        run("blind", "make", scene(folder, effects=True), tmp_path / "pack", *line)
+        run("blind", "make", scene(folder, effects=True), "--out", tmp_path / "pack", *line)
     assert not list(tmp_path.iterdir())
 
 
@@ -207,10 +209,10 @@ def test_a_world_that_is_stepped_by_hand_refuses_effects(folder) -> None:
     "line",
     [
         ("run",),
-        ("campaign", "simulate", "SCENE", "OUT"),
+        ("campaign", "simulate", "SCENE", "--out", "OUT"),
         ("campaign", "compare", "SCENE", "CAMPAIGN"),
         ("diagnose", "CAMPAIGN", "--scene", "SCENE", "--out", "OUT"),
-        ("blind", "make", "SCENE", "OUT", *PACK),
+        ("blind", "make", "SCENE", "--out", "OUT", *PACK),
     ],
     ids=lambda line: " ".join(line[:2]),
 )

@@ -124,7 +124,7 @@ def test_effects_are_refused_by_file_and_line(
         ["run", str(path)],
         ["config", "check", str(path)],
         ["fragility", str(path)],
-        ["campaign", "simulate", str(path), str(tmp_path / "c")],
+        ["campaign", "simulate", str(path), "--out", str(tmp_path / "c")],
     ):
         assert main(command) == 2
         errors = capsys.readouterr().err

@@ -65,7 +65,7 @@ def test_convert_without_processing_keeps_the_channels(tmp_path, capsys):
     values = np.sin(np.arange(50) * 0.2)
     source = tmp_path / "a.tab"
     source.write_text("TITLE\n50,0.005\n" + "".join(f"{v:.9f}\n" for v in values))
-    assert run("convert", source, tmp_path / "b.csv", "--units", "cm/s") == 0
+    assert run("convert", source, "--out", tmp_path / "b.csv", "--units", "cm/s") == 0
     record = read_record(tmp_path / "b.csv")
     np.testing.assert_allclose(record.velocity, values / 100, atol=1e-11)
     assert (record.displacement, record.acceleration) == (None, None)
@@ -74,27 +74,29 @@ def test_convert_without_processing_keeps_the_channels(tmp_path, capsys):
 
 def test_convert_to_a_pga(pulse, tmp_path, capsys):
     target = tmp_path / "b.csv"
-    assert run("convert", pulse, target, "--scale-to-pga-g", 0.5, "--time-step", 0.002) == 0
+    assert (
+        run("convert", pulse, "--out", target, "--scale-to-pga-g", 0.5, "--time-step", 0.002) == 0
+    )
     record = read_record(target)
     assert record.sample_interval == 0.002
     assert np.abs(record.acceleration).max() == pytest.approx(0.5 * STANDARD_GRAVITY, rel=1e-12)
     assert "PGA 0.5 g" in capsys.readouterr().out
-    assert run("convert", pulse, target, "--scale", -2) == 0
+    assert run("convert", pulse, "--out", target, "--scale", -2, "--overwrite") == 0
     assert read_record(target).displacement.min() == pytest.approx(-0.2, rel=1e-6)
 
 
 def test_convert_refuses_another_suffix(pulse, tmp_path):
     with pytest.raises(MotionError, match=r"written as \.csv"):
-        run("convert", pulse, tmp_path / "b.txt")
+        run("convert", pulse, "--out", tmp_path / "b.txt")
 
 
 def test_generate(tmp_path, capsys):
     target = tmp_path / "g.csv"
     wish = ("--pga-g", 0.3, "--pgv-pga", 0.08, "--duration", 6, "--seed", 4)
-    assert run("generate", *wish, target) == 0
+    assert run("generate", *wish, "--out", target) == 0
     first = target.read_bytes()
     assert "PGA 0.3 g" in capsys.readouterr().out
-    assert run("generate", *wish, target) == 0
+    assert run("generate", *wish, "--out", target, "--overwrite") == 0
     assert target.read_bytes() == first
     assert np.abs(read_record(target).acceleration).max() == pytest.approx(
         0.3 * STANDARD_GRAVITY, rel=1e-12
@@ -118,7 +120,7 @@ def test_fuse_prints_the_agreement_and_writes_the_motion(tmp_path, capsys):
         ),
         source,
     )
-    assert run("fuse", source, tmp_path / "f.csv", "--json") == 0
+    assert run("fuse", source, "--out", tmp_path / "f.csv", "--json") == 0
     reported = json.loads(capsys.readouterr().out)
     assert reported["displacement_noise_m"] == pytest.approx(5e-5, rel=0.1)
     assert reported["acceleration_noise_m_s2"] == pytest.approx(0.04, rel=0.1)
@@ -128,13 +130,13 @@ def test_fuse_prints_the_agreement_and_writes_the_motion(tmp_path, capsys):
     fused = read_record(tmp_path / "f.csv")
     assert np.std(fused.displacement - x) < 2e-5
     assert fused.velocity is not None
-    assert run("fuse", source, tmp_path / "f.csv") == 0
+    assert run("fuse", source, "--out", tmp_path / "f.csv", "--overwrite") == 0
     shown = capsys.readouterr().out
     assert "consistency: " in shown
     assert "coherence" in shown
     write_record(Record("r", H, displacement=x), source)
     with pytest.raises(MotionError, match="fusing needs both"):
-        run("fuse", source, tmp_path / "f.csv")
+        run("fuse", source, "--out", tmp_path / "f.csv")
 
 
 @pytest.mark.parametrize(
@@ -153,11 +155,11 @@ def test_an_impossible_filter_is_reported_without_words_of_the_library(pulse, ar
 @pytest.mark.parametrize("pga", ["-1", "0", "nan"])
 def test_an_impossible_pga_is_reported_as_it_was_given(pulse, tmp_path, pga):
     with pytest.raises(MotionError, match=f"--scale-to-pga-g {pga}: give a PGA above 0, in g"):
-        run("convert", pulse, tmp_path / "x.csv", f"--scale-to-pga-g={pga}")
+        run("convert", pulse, "--out", tmp_path / "x.csv", f"--scale-to-pga-g={pga}")
     assert not (tmp_path / "x.csv").exists()
 
 
 def test_fusing_names_no_key_of_a_study(pulse, tmp_path):
     with pytest.raises(MotionError, match="give a recording with both") as raised:
-        run("fuse", pulse, tmp_path / "x.csv")
+        run("fuse", pulse, "--out", tmp_path / "x.csv")
     assert "motion.channel" not in str(raised.value)

@@ -85,8 +85,13 @@ def test_the_verb_writes_a_record_of_each_azimuth(tmp_path, capsys):
     first, second = records(np.sin(TIME), 0.5 * np.cos(3 * TIME))
     for record in (first, second):
         write_record(record, tmp_path / f"{record.name}.csv")
-    files = [str(tmp_path / name) for name in ("a.csv", "b.csv", "turned")]
-    assert main(["motion", "rotate", *files, "--azimuths", "0", "45"]) == 0
+    files = [str(tmp_path / name) for name in ("a.csv", "b.csv")]
+    assert (
+        main(
+            ["motion", "rotate", *files, "--out", str(tmp_path / "turned"), "--azimuths", "0", "45"]
+        )
+        == 0
+    )
     said = capsys.readouterr().out
     assert f"{rotd_pga_g(first, second)[1]:.4g} g" in said
     assert {path.name for path in (tmp_path / "turned").iterdir()} == {

@@ -95,7 +95,7 @@ def files_below(folder: Path) -> set[str]:
     return {str(path.relative_to(folder)) for path in folder.rglob("*") if path.is_file()}
 
 
-@pytest.mark.parametrize("inner", ["logs", "npy", "models"])
+@pytest.mark.parametrize("inner", ["logs", "npy", "models", "figures", "shards"])
 def test_overwriting_follows_no_link_out_of_the_folder(inner, tmp_path):
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()

@@ -7,7 +7,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import asdict, dataclass, field, replace
 from enum import StrEnum
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -40,6 +40,9 @@ from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resample
 from vsr2.config.extended import Plain
 from vsr2.errors import CampaignError, ResultError
 from vsr2.results import base_provenance
+
+if TYPE_CHECKING:
+    import distributed
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
@@ -225,6 +228,7 @@ def calibrate(
     folder: str | Path,
     *,
     threads: int | None = None,
+    client: distributed.Client | None = None,
     on_evaluation: Callable[[Evaluation], None] | None = None,
 ) -> CalibrationResult:
     """Calibrate a study against its campaign.
@@ -236,6 +240,7 @@ def calibrate(
         study: what is calibrated.
         folder: for the evaluations; it exists.
         threads: as in :func:`vsr2.simulation.run_batch`; no result depends on it.
+        client: run on its Dask cluster; None: in threads of this process.
         on_evaluation: called with every new parameter set's evaluation, found or simulated.
 
     Raises:
@@ -253,7 +258,7 @@ def calibrate(
         )
     seed, settings, digest = study.study.seed, study.own, campaign_sha256(campaign)
     with EvaluationStore(folder, digest, len(campaign)) as store:
-        evaluator = Evaluator(study, campaign, store, Path(folder), threads=threads)
+        evaluator = Evaluator(study, campaign, store, Path(folder), threads=threads, client=client)
         found = _evaluated(study, evaluator, campaign, on_evaluation)
     points = settings.method.profile_points if isinstance(settings.method, Joint) else 0
     scores, no_baselines = _compare(found, seed)

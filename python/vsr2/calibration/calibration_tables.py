@@ -31,8 +31,7 @@ from vsr2.calibration.evaluation_store import EVALUATIONS_FILE
 from vsr2.calibration.objective import metrics_of, objective_of
 from vsr2.calibration.search import Step
 from vsr2.config import dump_study
-from vsr2.errors import ResultError
-from vsr2.results import JOURNAL_FILE
+from vsr2.results import JOURNAL_FILE, prepare_work_folder
 from vsr2.results.atomic import csv_text, write_text
 
 TABLE = "table.csv"
@@ -53,25 +52,10 @@ def prepare_calibration_folder(
         resume: go on with one that is there.
 
     Raises:
-        ResultError: it cannot be used, or holds a calibration and neither is asked for.
+        ResultError: as :func:`vsr2.results.prepare_work_folder`.
     """
-    path = Path(folder)
-    present = []
-    try:
-        path.mkdir(parents=True, exist_ok=True)
-        present = [path / name for name in (*OWN_FILES, EVALUATIONS_FILE) if (path / name).exists()]
-        if present and not (overwrite or resume):
-            raise ResultError(
-                f"{path}: already holds a calibration; go on with `--resume`, replace it with "
-                "`--overwrite`, or choose another folder"
-            )
-        if overwrite and not resume:
-            for file in (*present, *(path / RUNNING).glob(f"*/{JOURNAL_FILE}")):
-                file.unlink()
-    except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ResultError(f"{path}: cannot be used ({reason}); choose another folder") from error
-    return path
+    own = (*OWN_FILES, EVALUATIONS_FILE, f"{RUNNING}/*/{JOURNAL_FILE}")
+    return prepare_work_folder(folder, own, "a calibration", overwrite=overwrite, resume=resume)
 
 
 def save_calibration(

@@ -10,7 +10,7 @@ from collections import OrderedDict
 from collections.abc import Callable, Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -34,6 +34,9 @@ from vsr2.scene import PedestalBody, RockBody, Scene, build_pedestal, build_rock
 from vsr2.scene.placement import start_pose
 from vsr2.simulation import plan_sha256, run_batch
 from vsr2.trial import Trial, rows_only
+
+if TYPE_CHECKING:
+    import distributed
 
 MAX_SAMPLES_HELD = 100_000_000
 """Samples of motions kept between evaluations: 2.4 GB."""
@@ -120,6 +123,7 @@ class Evaluator:
         store: where evaluations are kept and found.
         folder: of the calibration; an evaluation under way keeps its journal below it.
         threads: as in :func:`vsr2.simulation.run_batch`.
+        client: as there.
 
     Attributes:
         simulated: runs of a set that were simulated, rather than found.
@@ -133,12 +137,14 @@ class Evaluator:
         folder: Path,
         *,
         threads: int | None = None,
+        client: distributed.Client | None = None,
     ) -> None:
         self._study = study
         self._campaign = campaign
         self._store = store
         self._folder = folder
         self._threads = threads
+        self._client = client
         self._bodies: dict[str, tuple[RockBody, PedestalBody]] = {}
         self._motions: OrderedDict[str, dict[str, Motion]] = OrderedDict()
         self._sha256 = campaign_sha256(campaign)
@@ -325,7 +331,13 @@ class Evaluator:
             # Of a set that an earlier run did not finish, and this one does not begin with.
             shutil.rmtree(self._folder / RUNNING, ignore_errors=True)
             prepare_folder(checkpoint)
-        result = run_batch(trials, threads=self._threads, keep_logs=False, checkpoint=checkpoint)
+        result = run_batch(
+            trials,
+            threads=self._threads,
+            keep_logs=False,
+            checkpoint=checkpoint,
+            client=self._client,
+        )
         if result.provenance["interrupted"]:
             raise CalibrationInterrupted
         return np.where(result.judged, result.overturned.astype(np.float64), np.nan)

@@ -7,6 +7,7 @@ the same seed, and finds them here.
 from __future__ import annotations
 
 import hashlib
+import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -99,6 +100,21 @@ def joined(runs: Sequence[Evaluation], observed: NDArray[np.bool_]) -> Evaluatio
     )
 
 
+def _check_types(entry: dict[str, Any]) -> None:
+    """Refuse a record that no search wrote.
+
+    Raises:
+        ValueError: a value of another type.
+        KeyError: one is missing.
+    """
+    kinds = {"key": str, "plan": str, "predicted": str, "seconds": float, "values": dict}
+    for name, kind in kinds.items():
+        if type(entry[name]) is not kind:
+            raise ValueError(name)
+    if not math.isfinite(entry["seconds"]):
+        raise ValueError("seconds")
+
+
 class EvaluationStore(Store):
     """The file of evaluations of one campaign, found again by what went into them.
 
@@ -119,18 +135,19 @@ class EvaluationStore(Store):
         super().__init__(Path(folder) / EVALUATIONS_FILE, _KIND, identity, self._take)
 
     def _take(self, entry: dict[str, Any]) -> None:
+        _check_types(entry)
         codes = entry["predicted"]
         if len(codes) != self._trials or set(codes) - set(_CODES):
             raise ValueError("predicted")
         predicted = np.array([(0.0, 1.0, np.nan, np.nan)[_CODES.index(code)] for code in codes])
         known = np.array([code != "." for code in codes])
-        plan, seconds = str(entry["plan"]), float(entry["seconds"])
+        plan, seconds = entry["plan"], entry["seconds"]
         old = self._by_plan.get(plan)
         if old is not None and old.known is not None:
             predicted = np.where(known, predicted, old.predicted)
             known |= old.known
             seconds += old.seconds
-        self._plan_of[str(entry["key"])] = plan
+        self._plan_of[entry["key"]] = plan
         self._by_plan[plan] = Evaluation(dict(entry["values"]), predicted, plan, seconds, known)
 
     def __len__(self) -> int:

@@ -85,7 +85,7 @@ def _read(folder: Path, problems: Problems) -> Campaign | None:
         problems.add(
             "",
             "is a result of `vsr2 run` or `vsr2 fragility`, not a campaign; give a campaign's "
-            "folder, or make one of the study by `vsr2 campaign simulate STUDY DEST`",
+            "folder, or make one of the study by `vsr2 campaign simulate STUDY --out FOLDER`",
         )
         return None
     # The table is read even where the description is broken, so that one check tells all.

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Literal
 
-from cyclopts import App, CycloptsError, Parameter
+from cyclopts import App, CycloptsError, Parameter, UnknownOptionError
 
 from vsr2.cli import (
     verb_calibrate,
@@ -128,7 +128,7 @@ def _launch(
         verbose: log to standard error what is done; -vv: in detail
         effects: Python file with effects of your own, which join the library (may be repeated)
     """
-    if any(token == "" or re.fullmatch(r"--[\w-]+=", token) for token in tokens):
+    if any(re.fullmatch(r"(--[\w-]+=)?\s*", token) for token in tokens):
         raise ConfigError("an argument is empty, as of a shell variable that is not set; give it")
     for file in effects:
         _add_effects(file)
@@ -231,7 +231,8 @@ def _main(arguments: Sequence[str] | None) -> int:
         return int(launch(*bound.args, **bound.kwargs) or 0)
     except CycloptsError as error:
         command = " ".join(("vsr2", *(error.command_chain or ())))
-        print(f"{command}: {error}\n`{command} --help` explains.", file=sys.stderr)
+        said = _destination(error, command) or error
+        print(f"{command}: {said}\n`{command} --help` explains.", file=sys.stderr)
         return 2
     except Vsr2Error as error:
         print(f"vsr2: {error}", file=sys.stderr)
@@ -243,6 +244,18 @@ def _main(arguments: Sequence[str] | None) -> int:
         # The reader of our output went away, as in `vsr2 ... | head`.
         sys.stderr.close()
         return 0
+
+
+def _destination(error: CycloptsError, command: str) -> str | None:
+    """What to say where the place for what is written has no name, or an old one."""
+    if isinstance(error, UnknownOptionError) and error.token.keyword == "--html":
+        return f"--html is --out: `{command} ... --out FILE.html`"
+    given = (error.unused_tokens or [""])[-1]
+    if not given or given.startswith("-") or error.app is None or error.target is None:
+        return None
+    if all(one.name != "--out" for one in error.app.assemble_argument_collection()):
+        return None
+    return f"what is written is named by --out: `{command} ... --out {given}`"
 
 
 if __name__ == "__main__":

@@ -6,13 +6,15 @@ from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, get_origin
+from typing import TYPE_CHECKING, Annotated, Any, Protocol, get_origin
 
-from cyclopts import Parameter, Token
+from cyclopts import Group, Parameter, Token
+from cyclopts.validators import mutually_exclusive
 
 if TYPE_CHECKING:
     import distributed
 
+    from vsr2.config import Study as StudySettings
     from vsr2.diagnosis import Nuisance
     from vsr2.results import BatchResult
 
@@ -67,8 +69,24 @@ Scheduler = Annotated[
     ),
 ]
 Overwrite = Annotated[bool, Parameter(help="replace what is there")]
+Resume = Annotated[bool, Parameter(help="go on with what is there, unfinished work on the same")]
 Json = Annotated[bool, Parameter(help="print JSON")]
-Quiet = Annotated[bool, Parameter(help="no progress bar, no summary")]
+Quiet = Annotated[bool, Parameter(help="no progress, no summary")]
+
+
+class Again(Protocol):
+    """Options of a verb whose work may be there already."""
+
+    @property
+    def overwrite(self) -> bool:
+        """Replace it."""
+
+    @property
+    def resume(self) -> bool:
+        """Go on with it."""
+
+
+WHERE = Group("Where trials run (one of)", validator=mutually_exclusive)
 
 
 @Parameter(name="*")
@@ -78,15 +96,14 @@ class StudyRun:
 
     Attributes:
         out: output folder (default: out/NAME of the study)
-        resume: go on with what is there, an unfinished run of the same study; nothing to do where
-            it is finished
         no_figures: write no figures, no page
     """
 
     out: Path | None = None
     overwrite: Overwrite = False
-    resume: bool = False
+    resume: Resume = False
     threads: Threads = None
+    scheduler: Annotated[Scheduler, Parameter(group=WHERE)] = None
     set: Settings = ()
     no_figures: bool = False
     quiet: Quiet = False
@@ -97,6 +114,20 @@ class StudyRun:
 
 
 RUN = StudyRun()
+
+
+def scene(path: Path, settings: tuple[str, ...]) -> StudySettings:
+    """The study of a scene, with what `--set` changes, its effects checked.
+
+    Raises:
+        ConfigError: it cannot be used.
+    """
+    from vsr2.config import load_study
+    from vsr2.effects import check_study_effects
+
+    study = load_study(path, overrides=settings)
+    check_study_effects(study.effects, path)
+    return study
 
 
 @contextmanager
@@ -116,6 +147,13 @@ def cluster(address: str | None, threads: int | None = None) -> Iterator[distrib
         raise SimulationError("--threads does not apply with --scheduler: workers have their own")
     with connect(address) as client:
         yield client
+
+
+def work_folder(folder: Path, own: Sequence[str], what: str, options: Again) -> None:
+    """Make a folder ready in which work goes on; see :func:`vsr2.results.prepare_work_folder`."""
+    from vsr2.results import prepare_work_folder
+
+    prepare_work_folder(folder, own, what, overwrite=options.overwrite, resume=options.resume)
 
 
 def exit_code(result: BatchResult) -> int:
@@ -146,14 +184,16 @@ def interrupted(result: BatchResult, folder: Path) -> int:
     return 130
 
 
-def with_folder(path: Path) -> Path:
+def target_file(path: Path, *, overwrite: bool) -> Path:
     """A file that is to be written, its folder made where it is not there.
 
     Raises:
-        ResultError: the folder cannot be made.
+        ResultError: it exists and is not to be replaced, or the folder cannot be made.
     """
     from vsr2.errors import ResultError
 
+    if path.exists() and not overwrite:
+        raise ResultError(f"{path}: exists; choose another --out, or add --overwrite")
     try:
         path.parent.mkdir(parents=True, exist_ok=True)
     except OSError as error:

@@ -75,52 +75,56 @@ def _settings(made_of: Any, engines: tuple[str, ...], effects: tuple[str, ...]) 
 @verbs.command
 def make(
     scene: Path,
-    pack: Path,
     /,
     *,
+    out: Path,
     key: Path | None = None,
     engine: Annotated[tuple[str, ...], Parameter(choices=ENGINES)] = (EngineName.MUJOCO.value,),
     made_of: Pack = PACK,
     effect: tuple[str, ...] = (),
     seed: opt.Integer | None = None,
+    resume: opt.Resume = False,
+    set: opt.Settings = (),
     quiet: opt.Quiet = False,
 ) -> int:
     """Draw, simulate and seal a pack.
 
-    Writes PACK/data and the key folder. Stopped, the same command continues.
+    Writes OUT/data and the key folder. Stopped, it goes on with --resume. Nothing of a pack is
+    replaced.
 
     Args:
         scene: study with the nominal scene
-        pack: folder of the pack
-        key: folder of the key, outside PACK/data (default: PACK-key, beside PACK)
+        out: folder of the pack
+        key: folder of the key, outside OUT/data (default: OUT-key, beside OUT)
         engine: that simulates (may be repeated)
         effect: draw only this effect (may be repeated; default: all)
         seed: of an open pack; the others have theirs from the operating system, so that nobody can
             draw the answer again
     """
-    from vsr2.blind import make_pack
-    from vsr2.config import load_study
-    from vsr2.effects import check_study_effects
+    from vsr2.blind import is_begun, make_pack
     from vsr2.errors import BlindError
     from vsr2.report.messages.blind_packs import sealed_pack
 
     if seed is not None and not made_of.development:
         raise BlindError("--seed: only for open packs; add --development, or leave it out")
     settings = _settings(made_of, engine, effect)
-    folder = pack.resolve()
+    folder = out.resolve()
     if not folder.name:
-        raise BlindError(f"{pack}: has no name that the key's folder could have; add --key")
-    study = load_study(scene)
-    check_study_effects(study.effects, scene)
+        raise BlindError(f"{out}: has no name that the key's folder could have; add --key")
+    study = opt.scene(scene, set)
+    key = key or folder.with_name(f"{folder.name}-key")
+    if is_begun(key) and not resume:
+        raise BlindError(f"{key}: holds the key of a pack; go on with it by --resume")
     made = make_pack(
         study,
-        pack,
-        key or folder.with_name(f"{folder.name}-key"),
+        out,
+        key,
         settings,
         seed=seed,
         say=_progress(quiet),
     )
-    print(sealed_pack(made, pack))
+    if not quiet:
+        print(sealed_pack(made, out))
     return 0
 
 
@@ -149,6 +153,7 @@ class Effort:
     budget_cpu_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
     no_how_far: bool = False
     threads: opt.Threads = None
+    scheduler: opt.Scheduler = None
     seed: opt.Integer = 0
 
     def budget(self) -> Budget:
@@ -174,12 +179,13 @@ def diagnose(
     tier: tuple[Tier, ...] = (),
     campaign: tuple[str, ...] = (),
     effort: Effort = EFFORT,
+    resume: opt.Resume = False,
     quiet: opt.Quiet = False,
 ) -> int:
     """Run the diagnosis over a pack's data folder.
 
-    Reads the data folder alone. Stopped, the same command continues; with more campaigns or minutes
-    than before it diagnoses all again, and simulates what is missing.
+    Reads the data folder alone. Stopped, it goes on with --resume; with more campaigns or minutes
+    than before that diagnoses all again, and simulates what is missing.
 
     Args:
         data: a pack's data folder
@@ -188,20 +194,29 @@ def diagnose(
         campaign: diagnose the campaign with this id (may be repeated; default: all)
     """
     from vsr2.blind import diagnose_pack
+    from vsr2.blind.pack_diagnoses import SUBMISSION
+    from vsr2.errors import BlindError
     from vsr2.report.messages.blind_packs import diagnosed_pack
     from vsr2.report.messages.progress_lines import ProgressLines
 
-    progress = diagnose_pack(
-        data,
-        out,
-        tiers=tier or None,
-        campaigns=campaign or None,
-        budget=effort.budget(),
-        execution=Execution(effort.threads, report=None if quiet else ProgressLines()),
-        seed=effort.seed,
-        say=_progress(quiet),
-    )
-    print(diagnosed_pack(progress, out))
+    if (out / SUBMISSION).exists() and not resume:
+        raise BlindError(
+            f"{out}: holds diagnoses of a pack; go on with --resume, or choose another --out"
+        )
+    with opt.cluster(effort.scheduler, effort.threads) as client:
+        report = None if quiet else ProgressLines()
+        progress = diagnose_pack(
+            data,
+            out,
+            tiers=tier or None,
+            campaigns=campaign or None,
+            budget=effort.budget(),
+            execution=Execution(effort.threads, client, report=report),
+            seed=effort.seed,
+            say=_progress(quiet),
+        )
+    if not quiet:
+        print(diagnosed_pack(progress, out))
     return 1 if progress.failed else 0
 
 
@@ -215,6 +230,7 @@ def score(
     out: Path,
     tier: tuple[Tier, ...] = (),
     train: tuple[Path, Path] | None = None,
+    quiet: opt.Quiet = False,
 ) -> int:
     """Open the key and score the diagnoses, once.
 
@@ -234,9 +250,10 @@ def score(
     from vsr2.report.blind_page import scores_page, write_scores
 
     scored = score_pack(
-        data, key, diagnoses, out, training=train, tiers=tier or None, say=_progress(False)
+        data, key, diagnoses, out, training=train, tiers=tier or None, say=_progress(quiet)
     )
     write_scores(scored, out)
-    print(scores_page(scored), end="")
-    print(f"wrote {out}")
+    if not quiet:
+        print(scores_page(scored), end="")
+        print(f"wrote {out}")
     return 0

@@ -53,8 +53,10 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
         bar.update()
 
     try:
-        with bar:
-            result = search(loaded, folder, threads=options.threads, on_evaluation=show)
+        with bar, opt.cluster(options.scheduler, options.threads) as client:
+            result = search(
+                loaded, folder, threads=options.threads, client=client, on_evaluation=show
+            )
     except (CalibrationInterrupted, KeyboardInterrupt):
         print(f"vsr2: {interrupted_calibration(folder)}", file=sys.stderr)
         return 130

@@ -18,11 +18,18 @@ if TYPE_CHECKING:
     from vsr2.config import Study
 
 verbs = App(name="campaign")
+Destination = Annotated[Path, Parameter(help="folder for the campaign")]
 
 
 @verbs.command
 def import_lab(
-    source: Path, dest: Path, /, *, specimen: str = "SP1", overwrite: opt.Overwrite = False
+    source: Path,
+    /,
+    *,
+    out: Destination,
+    specimen: str = "SP1",
+    overwrite: opt.Overwrite = False,
+    quiet: opt.Quiet = False,
 ) -> int:
     """Bring the published laboratory campaign into the form.
 
@@ -31,16 +38,16 @@ def import_lab(
 
     Args:
         source: folder of the laboratory's files
-        dest: folder for the campaign
         specimen: `SP1` or `SP2`, whose outcomes may be missing
     """
     from vsr2.campaign import campaign_summary
     from vsr2.campaign import import_lab as bring
     from vsr2.report.messages.data import campaign_text
 
-    made = bring(source, dest, specimen=specimen, overwrite=overwrite)
-    print(campaign_text(campaign_summary(made)))
-    print(f"wrote {dest}")
+    made = bring(source, out, specimen=specimen, overwrite=overwrite)
+    if not quiet:
+        print(campaign_text(campaign_summary(made)))
+        print(f"wrote {out}")
     return 0
 
 
@@ -114,6 +121,7 @@ def compare(
     nuisance: opt.Nuisances = (),
     seed: opt.Integer = 0,
     threads: opt.Threads = None,
+    set: opt.Settings = (),
     json: opt.Json = False,
 ) -> int:
     """Check a nominal scene by a reference campaign.
@@ -128,14 +136,11 @@ def compare(
         seed: of the draws
     """
     from vsr2.campaign import load_campaign
-    from vsr2.config import load_study
     from vsr2.diagnosis import Hypotheses
     from vsr2.diagnosis.reference_campaign import REFERENCE, compare_reference
-    from vsr2.effects import check_study_effects
     from vsr2.report.messages.commands import reference_table
 
-    study = load_study(scene)
-    check_study_effects(study.effects, scene)
+    study = opt.scene(scene, set)
     found = compare_reference(
         load_campaign(folder),
         study,
@@ -156,8 +161,7 @@ class Predicting:
     """How trials are predicted.
 
     Attributes:
-        out: folder for tables and simulations; the same command there goes on after an interruption
-            (default: nothing is written)
+        out: folder for tables and simulations (default: nothing is written)
         replicates: simulations of each trial (default: 16, or one for each scene)
         margins: seek the factor on the motion at which each replicate overturns, in six times the
             simulations; outcomes of other motions then give bias and scatter
@@ -171,8 +175,11 @@ class Predicting:
     nuisance: opt.Nuisances = ()
     seed: opt.Integer = 0
     cache: Path | None = None
+    overwrite: opt.Overwrite = False
+    resume: opt.Resume = False
     threads: opt.Threads = None
     scheduler: opt.Scheduler = None
+    set: opt.Settings = ()
     json: opt.Json = False
     quiet: opt.Quiet = False
 
@@ -197,13 +204,20 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
     from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache
     from vsr2.diagnosis import predict as predicted
+    from vsr2.diagnosis.prediction import WORK_FILES
     from vsr2.report.messages.commands import prediction_table
     from vsr2.report.messages.progress_lines import ProgressLines
 
+    campaign = load_campaign(folder)
+    if scene.is_dir() and options.set:
+        raise CampaignError(f"--set: changes one study, and {scene} is a folder; give one study")
+    scenes = scene if scene.is_dir() else opt.scene(scene, options.set)
+    if options.out is not None:
+        opt.work_folder(options.out, WORK_FILES, "a prediction", options)
     with opt.cluster(options.scheduler, options.threads) as client:
         found = predicted(
-            load_campaign(folder),
-            scene,
+            campaign,
+            scenes,
             out=options.out,
             replicates=options.replicates,
             margins=options.margins,
@@ -236,8 +250,6 @@ class Simulation:
         series_every: keep a row of the series every so many time steps; 0: no series
         session_size: trials a session (default: one session)
         seed: of the noise
-        resume: go on where the same command was interrupted or killed; until it ends, what is
-            finished is kept in DEST.checkpoint
     """
 
     name: str | None = None
@@ -248,7 +260,7 @@ class Simulation:
     scheduler: opt.Scheduler = None
     set: opt.Settings = ()
     overwrite: opt.Overwrite = False
-    resume: bool = False
+    resume: opt.Resume = False
     quiet: opt.Quiet = False
 
 
@@ -281,24 +293,20 @@ Noise = Annotated[
 @verbs.command
 def simulate(
     study: opt.Study,
-    dest: Path,
     /,
     *,
+    out: Destination,
     options: Simulation = SIMULATION,
     noise: Noise = NO_NOISE,
 ) -> int:
     """Make a campaign out of a study.
 
     Runs the study's trials and writes what an experimenter would have measured: outcomes, largest
-    tilts, the table's motions, and series on request, each with noise on request.
-
-    Args:
-        dest: folder for the campaign
+    tilts, the table's motions, and series on request, each with noise on request. Until it ends,
+    what is finished is kept in OUT.checkpoint.
     """
     from vsr2.campaign import campaign_summary, save_campaign, trial_statuses
     from vsr2.campaign.save import prepare_destination
-    from vsr2.config import load_study
-    from vsr2.effects import check_study_effects
     from vsr2.report.messages.data import campaign_text
     from vsr2.results import Status, remove_result
 
@@ -306,20 +314,19 @@ def simulate(
         raise CampaignError(
             f"--session-size {options.session_size}: give 1 or more trials a session"
         )
-    loaded = load_study(study, overrides=options.set)
-    check_study_effects(loaded.effects, study)
+    loaded = opt.scene(study, options.set)
     replace = options.overwrite or options.resume
-    prepare_destination(dest, overwrite=replace)
-    checkpoint = dest.with_name(f"{dest.name}.checkpoint")
-    campaign = _simulated(loaded, dest, checkpoint, options, noise)
+    prepare_destination(out, overwrite=replace)
+    checkpoint = out.with_name(f"{out.name}.checkpoint")
+    campaign = _simulated(loaded, out, checkpoint, options, noise)
     campaign = dataclasses.replace(campaign, name=options.name or campaign.name)
-    save_campaign(campaign, dest, overwrite=replace)
+    save_campaign(campaign, out, overwrite=replace)
     interrupted = bool(campaign.provenance.get("interrupted"))
     if not interrupted:
         remove_result(checkpoint)
     if not options.quiet:
         print(campaign_text(campaign_summary(campaign)))
-        print(f"wrote {dest}")
+        print(f"wrote {out}")
     if interrupted:
         return 130
     return 0 if set(trial_statuses(campaign).values()) <= {Status.ok} else 1

@@ -7,7 +7,7 @@ from typing import Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
-from vsr2.cli.options import Study, print_json, with_folder
+from vsr2.cli.options import Overwrite, Quiet, Settings, Study, print_json, scene, target_file
 
 Kind = Literal["study", "fragility", "calibration", "campaign"]
 """Kinds of YAML files."""
@@ -16,18 +16,17 @@ verbs = App(name="config", help="Check, explain and import configuration files."
 
 
 @verbs.command
-def check(study: Study, /) -> int:
+def check(study: Study, /, *, set: Settings = ()) -> int:
     """Read a study and all files that it names, and print it with all defaults.
 
     Reads meshes, records and campaigns, places the rock and applies the effects, as a run does
     before its first trial. Takes studies of `vsr2 fragility` and `vsr2 calibrate`, too.
     """
-    from vsr2.config import dump_study, load_study
+    from vsr2.config import dump_study
     from vsr2.config.yaml_file import dump_yaml, read_yaml
-    from vsr2.effects import check_study_effects
     from vsr2.simulation import check_trials, study_trials
 
-    keys = set(read_yaml(study).data)
+    keys = read_yaml(study).data.keys()
     own: dict[str, Any] = {}
     if keys & {"campaign", "parameters", "method"}:
         from vsr2.calibration import load_calibration
@@ -35,7 +34,7 @@ def check(study: Study, /) -> int:
         from vsr2.campaign import load_campaign
         from vsr2.scene import build_scene
 
-        calibration = load_calibration(study)
+        calibration = load_calibration(study, overrides=set)
         load_campaign(campaign_folder(calibration))
         build_scene(calibration.study)
         loaded, own = calibration.study, calibration.own.model_dump(mode="json", exclude_none=True)
@@ -43,11 +42,10 @@ def check(study: Study, /) -> int:
         if "fragility" in keys:
             from vsr2.fragility import load_fragility
 
-            fragility = load_fragility(study)
+            fragility = load_fragility(study, overrides=set)
             loaded, own = fragility.study, fragility.own.model_dump(mode="json", exclude_none=True)
         else:
-            loaded = load_study(study)
-            check_study_effects(loaded.effects, study)
+            loaded = scene(study, set)
         check_trials(study_trials(loaded))
     print(dump_study(loaded), end="")
     if own:
@@ -57,7 +55,12 @@ def check(study: Study, /) -> int:
 
 @verbs.command
 def import_ros2(
-    files: Annotated[tuple[Path, ...], Parameter(consume_multiple=1)], /, *, out: Path | None = None
+    files: Annotated[tuple[Path, ...], Parameter(consume_multiple=1)],
+    /,
+    *,
+    out: Path | None = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> int:
     """Turn the original's ROS 2 parameter files into a study.
 
@@ -80,9 +83,11 @@ def import_ros2(
     if out is None:
         print(text, end="")
     else:
-        write_text(with_folder(out), text)
-        print(f"wrote {out}")
-    print(import_text(imported), file=sys.stderr)
+        write_text(target_file(out, overwrite=overwrite), text)
+        if not quiet:
+            print(f"wrote {out}")
+    if not quiet:
+        print(import_text(imported), file=sys.stderr)
     return 0
 
 

@@ -84,8 +84,11 @@ class Effort:
     no_how_far: bool = False
     waterfall: bool = False
     cache: Path | None = None
+    overwrite: opt.Overwrite = False
+    resume: opt.Resume = False
     threads: opt.Threads = None
     scheduler: opt.Scheduler = None
+    set: opt.Settings = ()
     posterior_draws: opt.Integer = 0
     iterate: bool = False
     most_rounds: opt.Integer | None = None
@@ -109,17 +112,18 @@ def diagnose(
 
     Writes diagnosis.json, tables, a page (index.html) and the scene with what is named
     (corrected.yaml) to the output folder. Simulations and trained posteriors are kept there or in
-    --cache, so that an interrupted or later run reuses them. docs/explanation/diagnosis.md says
-    what each number means.
+    --cache: after an interruption, or with more campaigns, --resume reuses them.
+    docs/explanation/diagnosis.md says what each number means.
 
     Args:
         scene: study of the nominal scene
         out: folder for the results
     """
-    from vsr2.config import load_study
+    from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Budget, iterate
     from vsr2.diagnosis import diagnose as find
     from vsr2.diagnosis.corrected import check_draws
+    from vsr2.diagnosis.iteration import WORK_FILES
     from vsr2.diagnosis.verdict.document import PAGE_FILE
     from vsr2.report.diagnosis_page import format_diagnosis
     from vsr2.report.messages.commands import iteration_table
@@ -128,6 +132,8 @@ def diagnose(
         return _check(campaign, scene, out, question, effort)
     if effort.posterior_draws:
         check_draws(effort.posterior_draws)
+    measured, study = load_campaign(campaign), opt.scene(scene, effort.set)
+    opt.work_folder(out, WORK_FILES, "a diagnosis", effort)
     with opt.cluster(effort.scheduler, effort.threads) as client:
         asked: Asked = {
             "tier": question.tier,
@@ -149,12 +155,12 @@ def diagnose(
 
         if effort.iterate:
             rounds = iterate(
-                campaign, scene, out, most=effort.most_rounds, finished=written, **asked
+                measured, study, out, most=effort.most_rounds, finished=written, **asked
             )
             said, path = iteration_table(rounds), out
         else:
-            found = find(campaign, scene, out=out, **asked)
-            written(found, load_study(scene), out)
+            found = find(measured, study, out=out, **asked)
+            written(found, study, out)
             said, path = format_diagnosis(found), out / PAGE_FILE
     if not effort.quiet:
         print(said)
@@ -200,7 +206,7 @@ def _check(campaign: Path, scene: Path, out: Path, question: Question, effort: E
     with opt.cluster(effort.scheduler, effort.threads) as client:
         found = check_posterior(
             campaign,
-            scene,
+            opt.scene(scene, effort.set),
             out=out,
             planted=effort.check or 0,
             tier=question.tier,

@@ -33,7 +33,10 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     prepare_folder(folder, overwrite=options.overwrite, resume=options.resume)
     if not has_journal(folder):
         remove_old_tables(folder)
-    result = run_fragility(loaded, folder, threads=options.threads, progress=not options.quiet)
+    with opt.cluster(options.scheduler, options.threads) as client:
+        result = run_fragility(
+            loaded, folder, threads=options.threads, progress=not options.quiet, client=client
+        )
     if isinstance(result, BatchResult):
         return opt.interrupted(result, folder)
     written = save_fragility(result, folder, keep_journal=True)

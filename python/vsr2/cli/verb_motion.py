@@ -10,12 +10,12 @@ from typing import Annotated, Any
 
 from cyclopts import App, Parameter
 
-from vsr2.cli.options import Integer, Json, print_json, with_folder
+from vsr2.cli.options import Integer, Json, Overwrite, Quiet, print_json, target_file
 from vsr2.config.motion_source import RecordUnits
 from vsr2.motion import Channel, Record, RecordFormat
 
 verbs = App(name="motion")
-Target = Annotated[Path, Parameter(help="the .csv file, replaced if it exists")]
+Target = Annotated[Path, Parameter(help="the .csv file")]
 
 
 @Parameter(name="*")
@@ -128,14 +128,16 @@ def info(
 @verbs.command
 def convert(
     source: Path,
-    target: Target,
     /,
     *,
+    out: Target,
     reading: Reading = AS_IS,
     processing: Processing = UNPROCESSED,
     scale: float | None = None,
     scale_to_pga_g: float | None = None,
     time_step: float | None = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> int:
     """Read any record, process it, write neutral .csv.
 
@@ -155,9 +157,11 @@ def convert(
     if scale_to_pga_g is not None and not (math.isfinite(scale_to_pga_g) and scale_to_pga_g > 0):
         raise MotionError(f"--scale-to-pga-g {scale_to_pga_g:g}: give a PGA above 0, in g")
     record = reading.read(source)
+    target = target_file(out, overwrite=overwrite)
     if processing == UNPROCESSED and (scale, scale_to_pga_g, time_step) == (None, None, None):
-        write_record(record, with_folder(target), note=f"from {source.name}, channels as read")
-        print(target)
+        write_record(record, target, note=f"from {source.name}, channels as read")
+        if not quiet:
+            print(target)
         return 0
     motion = build_recorded_motion(
         record,
@@ -167,21 +171,23 @@ def convert(
     )
     if scale_to_pga_g is not None:
         motion = motion.scaled_to_pga_g(scale_to_pga_g, name=motion.name)
-    write_record(motion, with_folder(target), note=motion.source)
-    print(motion_peaks(motion, target))
+    write_record(motion, target, note=motion.source)
+    if not quiet:
+        print(motion_peaks(motion, target))
     return 0
 
 
 @verbs.command
 def generate(
-    target: Target,
-    /,
     *,
+    out: Target,
     pga_g: float,
     pgv_pga: float,
     duration: float,
     seed: Integer = 0,
     time_step: float = 0.001,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> int:
     """An earthquake-like motion with given measures.
 
@@ -199,20 +205,23 @@ def generate(
     from vsr2.report.messages.data import motion_measures
 
     motion = synthetic_motion(pga_g, pgv_pga, duration, seed, time_step)
-    write_record(motion, with_folder(target), note=motion.source)
-    print(motion_measures(intensity_measures(motion), target))
+    write_record(motion, target_file(out, overwrite=overwrite), note=motion.source)
+    if not quiet:
+        print(motion_measures(intensity_measures(motion), out))
     return 0
 
 
 @verbs.command
 def fuse(
     source: Path,
-    target: Target,
     /,
     *,
+    out: Target,
     reading: Reading = AS_IS,
     baseline: Integer | None = None,
     json: Json = False,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> int:
     """One motion from a table's displacement and acceleration channels.
 
@@ -259,9 +268,11 @@ def fuse(
         acceleration=fused.acceleration,
     )
     note = f"displacement and acceleration of {source.name} fused, sha256 {record.sha256}"
-    write_record(motion, with_folder(target), note=note)
+    write_record(motion, target_file(out, overwrite=overwrite), note=note)
     if json:
         print_json({**summary, "bands": bands})
+        return 0
+    if quiet:
         return 0
     for name, value in summary.items():
         print(f"{name}: {value:.4g}")
@@ -275,13 +286,15 @@ def fuse(
 def rotate(
     first: Path,
     second: Path,
-    folder: Annotated[Path, Parameter(help="for a .csv of each azimuth; replaced if they exist")],
     /,
     *,
+    out: Path,
     azimuths: Annotated[tuple[float, ...], Parameter(consume_multiple=True)] = (
         *map(float, range(0, 180, 15)),
     ),
     reading: Reading = AS_IS,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> int:
     """Motions along rotated azimuths of two horizontal components, and RotD50 and RotD100.
 
@@ -291,6 +304,7 @@ def rotate(
     Args:
         first: component at azimuth 0
         second: component at azimuth 90
+        out: folder for a .csv of each azimuth
         azimuths: from the first towards the second [degree] (default: every 15 from 0 to 165)
     """
     from vsr2.motion import rotated, rotd_pga_g, write_record
@@ -298,8 +312,10 @@ def rotate(
 
     pair = reading.read(first), reading.read(second)
     half, full = rotd_pga_g(*pair)
-    for azimuth in azimuths:
-        record = rotated(*pair, azimuth)
-        write_record(record, with_folder(folder / f"{record.name}.csv"), note=record.source)
-    print(rotation_text(half, full, len(azimuths), folder))
+    records = [rotated(*pair, azimuth) for azimuth in azimuths]
+    targets = [target_file(out / f"{one.name}.csv", overwrite=overwrite) for one in records]
+    for record, target in zip(records, targets, strict=True):
+        write_record(record, target, note=record.source)
+    if not quiet:
+        print(rotation_text(half, full, len(azimuths), out))
     return 0

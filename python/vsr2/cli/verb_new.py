@@ -6,12 +6,19 @@ from importlib.resources import files
 from pathlib import Path
 from typing import Literal
 
-from vsr2.cli.options import Overwrite, print_written, with_folder
+from vsr2.cli.options import Overwrite, Quiet, print_written, target_file
 
 Template = Literal["block", "rock", "fragility", "calibration"]
 
 
-def new(template: Template, file: Path, /, *, overwrite: Overwrite = False) -> int:
+def new(
+    template: Template,
+    /,
+    *,
+    out: Path,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
+) -> int:
     """Write a commented file to begin with.
 
     block: a block under cosine pulses, which runs as it is. rock: a scanned rock under the records
@@ -21,7 +28,7 @@ def new(template: Template, file: Path, /, *, overwrite: Overwrite = False) -> i
 
     Args:
         template: what it is about
-        file: the .yaml file
+        out: the .yaml file
     """
     from pydantic_core import to_json
 
@@ -29,14 +36,14 @@ def new(template: Template, file: Path, /, *, overwrite: Overwrite = False) -> i
     from vsr2.errors import ConfigError
     from vsr2.results.atomic import write_text
 
+    file = out
     if file.suffix not in (".yaml", ".yml"):
         raise ConfigError(f"{file}: is no name of a YAML file; end it in .yaml")
-    if file.exists() and not overwrite:
-        raise ConfigError(f"{file}: exists; choose another name, or add --overwrite")
     kind = template if template in ("fragility", "calibration") else "study"
-    schema = with_folder(file).with_name(f"vsr2_{kind}.schema.json")
+    schema = target_file(file, overwrite=overwrite).with_name(f"vsr2_{kind}.schema.json")
     text = (files("vsr2.cli") / "templates" / f"{template}.yaml").read_text(encoding="utf-8")
     write_text(schema, to_json(json_schema(kind), indent=2).decode() + "\n")
     write_text(file, f"# yaml-language-server: $schema={schema.name}\n{text}")
-    print_written([file, schema])
+    if not quiet:
+        print_written([file, schema])
     return 0

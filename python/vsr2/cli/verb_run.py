@@ -6,8 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
-from cyclopts import Group, Parameter
-from cyclopts.validators import mutually_exclusive
+from cyclopts import Parameter
 
 from vsr2.cli import options as opt
 
@@ -17,18 +16,15 @@ if TYPE_CHECKING:
     from vsr2.config import Study
     from vsr2.trial import Trial
 
-WHERE = Group("Where trials run (one of)", validator=mutually_exclusive)
-
 
 def run(
     study: opt.Study,
     /,
     *,
     options: opt.StudyRun = opt.RUN,
-    scheduler: Annotated[opt.Scheduler, Parameter(group=WHERE)] = None,
-    shard: Annotated[str | None, Parameter(group=WHERE)] = None,
-    merge: Annotated[bool, Parameter(group=WHERE)] = False,
-    dry_run: Annotated[bool, Parameter(group=WHERE)] = False,
+    shard: Annotated[str | None, Parameter(group=opt.WHERE)] = None,
+    merge: Annotated[bool, Parameter(group=opt.WHERE)] = False,
+    dry_run: Annotated[bool, Parameter(group=opt.WHERE)] = False,
 ) -> int:
     """Run a study.
 
@@ -44,18 +40,15 @@ def run(
         merge: make one result of all shards in OUT; runs nothing
         dry_run: say what would run, how long and how large; writes nothing, times one trial
     """
-    from vsr2.config import load_study
-    from vsr2.effects import check_study_effects
     from vsr2.simulation import study_trials
 
-    loaded = load_study(study, overrides=options.set)
-    check_study_effects(loaded.effects, study)
+    loaded = opt.scene(study, options.set)
     trials = study_trials(loaded)
     if dry_run:
         return _say_what_would_run(loaded.name, options, trials)
     if shard is not None:
         return _run_shard(shard, options, trials, options.folder(loaded.name))
-    with opt.cluster(scheduler, options.threads) as client:
+    with opt.cluster(options.scheduler, options.threads) as client:
         return _run_all(options, loaded, trials, merge, client)
 
 
@@ -71,6 +64,7 @@ def _run_all(
     from vsr2.report import summary_table, write_figures
     from vsr2.report.messages.commands import study_begins
     from vsr2.results import (
+        FIGURE_FOLDER,
         finished_plan,
         load_result,
         prepare_folder,
@@ -111,7 +105,7 @@ def _run_all(
         written.append(folder / "logs")
     if study.output.figures and not options.no_figures:
         written += write_figures(
-            load_result(folder, logs=False), folder / "figures", logs_from=folder
+            load_result(folder, logs=False), folder / FIGURE_FOLDER, logs_from=folder
         )
     remove_journal(folder)
     if not options.quiet:

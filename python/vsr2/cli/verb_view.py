@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from vsr2.cli.options import Integer, with_folder
+from vsr2.cli.options import Integer, Overwrite, Quiet, target_file
 
 
 def view(
@@ -14,12 +14,14 @@ def view(
     trial: Integer | None = None,
     host: str = "127.0.0.1",
     port: Integer = 8080,
-    html: Path | None = None,
+    out: Path | None = None,
+    overwrite: Overwrite = False,
+    quiet: Quiet = False,
 ) -> int:
     """Replay a trial in 3-D in the browser.
 
     Serves an interactive 3-D replay of a result until Ctrl-C; open the printed address in a
-    browser, on this machine or through a forwarded port. No screen is needed here. With --html,
+    browser, on this machine or through a forwarded port. No screen is needed here. With --out,
     writes the replay of one trial as a page of its own instead.
 
     Args:
@@ -27,12 +29,14 @@ def view(
         trial: index (default: the first that has a log)
         host: address to listen on
         port: this one, or the next that is free
-        html: write a self-contained page into this file
+        out: write a self-contained page into this .html file
     """
     from vsr2.view import ReplayServer, write_page
 
-    if html is not None:
-        print(f"wrote {write_page(result, with_folder(html), trial=trial)}")
+    if out is not None:
+        page = write_page(result, target_file(out, overwrite=overwrite), trial=trial)
+        if not quiet:
+            print(f"wrote {page}")
         return 0
     with ReplayServer(result, trial=trial, host=host, port=port) as server:
         print(f"replay at {server.url} (Ctrl-C ends it)", flush=True)

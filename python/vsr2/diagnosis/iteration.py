@@ -16,11 +16,12 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import BUDGET, Execution, diagnose, made_folder
 from vsr2.diagnosis.budget import SCHEDULE, Budget
-from vsr2.diagnosis.corrected import CORRECTED_FILE, corrected_study
+from vsr2.diagnosis.corrected import CORRECTED_FILE, DRAWS_FOLDER, corrected_study
+from vsr2.diagnosis.protocol_cache import POSTERIORS, SIMULATIONS
 from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES
-from vsr2.diagnosis.verdict.document import FILE, SCHEMA, Diagnosis
+from vsr2.diagnosis.verdict.document import FILE, PAGE_FILE, SCHEMA, TABLES, Diagnosis
 from vsr2.effects import check_study_effects
 from vsr2.errors import DiagnosisError
 from vsr2.results.atomic import write_text
@@ -28,6 +29,12 @@ from vsr2.results.atomic import write_text
 IterationSchema = Literal["vsr2.iteration/1"]
 ITERATION_SCHEMA: IterationSchema = get_args(IterationSchema)[0]
 ITERATION_FILE = "iteration.json"
+_OF_ONE = (
+    FILE, PAGE_FILE, *TABLES, CORRECTED_FILE, f"{DRAWS_FOLDER}/draw_*.yaml", SIMULATIONS,
+    POSTERIORS,
+)  # fmt: skip
+WORK_FILES = (ITERATION_FILE, *_OF_ONE, *(f"round_*/{name}" for name in _OF_ONE))
+"""Patterns of the files of a diagnosis' folder, of one or of several."""
 
 
 class Ended(StrEnum):

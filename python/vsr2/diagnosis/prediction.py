@@ -50,6 +50,8 @@ Array = NDArray[np.float64]
 Scene = Study | str | PathLike[str]
 PREDICTIONS, SCORES_FILE, CURVE = "predictions.csv", "scores.csv", "reliability.csv"
 PROVENANCE = "provenance.json"
+WORK_FILES = (PREDICTIONS, SCORES_FILE, CURVE, PROVENANCE, SIMULATIONS)
+"""Files of a prediction's folder."""
 GAIN = "table_gain"
 """Effect that scales motions."""
 

@@ -15,7 +15,7 @@ from vsr2.diagnosis.posterior.summaries import SUMMARY
 from vsr2.diagnosis.posterior.training import TRAINING
 from vsr2.diagnosis.simulated.campaigns import SET_PRIOR
 
-SIMULATIONS = "simulations.jsonl"
+SIMULATIONS, POSTERIORS = "simulations.jsonl", "posterior-*.npz"
 
 
 @dataclass(frozen=True)
@@ -61,4 +61,4 @@ class ProtocolCache:
             [astuple(one) for one in constants],
         )  # fmt: skip
         digest.update(repr(parts).encode())
-        return self.folder / f"posterior-{digest.hexdigest()}.npz"
+        return self.folder / POSTERIORS.replace("*", digest.hexdigest())

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import asdict, dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -20,6 +20,9 @@ from vsr2.one_line import OneLine
 from vsr2.results import BatchResult, finished_plan, load_result
 from vsr2.simulation import plan_sha256, run_batch
 from vsr2.trial import Trial
+
+if TYPE_CHECKING:
+    import distributed
 
 Array = NDArray[np.float64]
 
@@ -81,6 +84,7 @@ def run_fragility(
     *,
     threads: int | None = None,
     progress: bool = False,
+    client: distributed.Client | None = None,
 ) -> FragilityResult | BatchResult:
     """Run a fragility study's trials and fit its curves.
 
@@ -91,6 +95,7 @@ def run_fragility(
             journal.
         threads: as in :func:`vsr2.simulation.run_batch`; no result depends on it.
         progress: show a progress bar on standard error.
+        client: run on its Dask cluster; None: in threads of this process.
 
     Returns:
         The result; where Ctrl-C interrupted, the batch as far as it came.
@@ -106,6 +111,7 @@ def run_fragility(
         progress=progress,
         keep_logs=False,
         checkpoint=folder,
+        client=client,
     )
     if batch.provenance["interrupted"]:
         return batch

@@ -15,6 +15,7 @@ from urllib.parse import quote, unquote
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.results import FIGURE_FOLDER
 from vsr2.results.atomic import make_folder, write_atomic, write_text
 
 if TYPE_CHECKING:
@@ -146,7 +147,7 @@ def write_page(
         ResultError: one cannot be written.
     """
     path = Path(folder)
-    figures = path / "figures"
+    figures = path / FIGURE_FOLDER
     make_folder(figures)
     written = [
         file for name, (figure, _) in drawn.items() for file in save_figure(figure, figures / name)

@@ -8,6 +8,7 @@ from vsr2.results.journal import (
     read_journal,
     remove_journal,
 )
+from vsr2.results.links import FIGURE_FOLDER, SHARD_FOLDER, refuse_links
 from vsr2.results.models import load_models, save_models
 from vsr2.results.provenance import base_provenance
 from vsr2.results.result import (
@@ -43,9 +44,11 @@ from vsr2.results.result_folder import (
     save_trial_log,
 )
 from vsr2.results.trial_log import CONTACT_COLUMNS, STATE_COLUMNS, TrialLog
+from vsr2.results.work_folder import prepare_work_folder
 
 __all__ = [
     "CONTACT_COLUMNS",
+    "FIGURE_FOLDER",
     "FLOAT_COLUMNS",
     "INTEGER_COLUMNS",
     "JOURNAL_FILE",
@@ -54,6 +57,7 @@ __all__ = [
     "NPY_COLUMNS",
     "OUTCOMES",
     "RESULT_COLUMNS",
+    "SHARD_FOLDER",
     "STATE_COLUMNS",
     "STATUSES",
     "TEXT_COLUMNS",
@@ -76,7 +80,9 @@ __all__ = [
     "logged_trials",
     "original_rows",
     "prepare_folder",
+    "prepare_work_folder",
     "read_journal",
+    "refuse_links",
     "remove_journal",
     "remove_result",
     "remove_temporaries",

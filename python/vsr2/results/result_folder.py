@@ -33,6 +33,7 @@ from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import link_atomic, make_folder, write_atomic, write_text
 from vsr2.results.batch_table import read_table, read_text, table_text
 from vsr2.results.journal import JOURNAL_FILE, has_journal
+from vsr2.results.links import FIGURE_FOLDER, SHARD_FOLDER, refuse_links
 from vsr2.results.result import (
     COLUMNS,
     TRIAL_COLUMNS,
@@ -73,6 +74,7 @@ _FOLDERS = {
     MODEL_FOLDER: re.compile(r"(rock|pedestal)\.npz"),
 }
 """Folders of a result, with the names of the files that VSR2 writes into them."""
+_INNER = (*_FOLDERS, FIGURE_FOLDER, SHARD_FOLDER)
 _TEMPORARY = re.compile(r"\..+\.[0-9a-f]{12}\.tmp")
 
 
@@ -95,7 +97,7 @@ def prepare_folder(
     """
     path = Path(folder)
     if resume and has_journal(path):
-        _refuse_links(path)
+        refuse_links(path, _INNER)
         return path
     try:
         path.mkdir(parents=True, exist_ok=True)
@@ -182,21 +184,11 @@ def _try_to_write(path: Path) -> None:
         probe.unlink(missing_ok=True)
 
 
-def _refuse_links(path: Path) -> None:
-    """Refuse a result's inner folder that is a link, which may lead to files that are not ours."""
-    for folder in _FOLDERS:
-        if (path / folder).is_symlink():
-            raise ResultError(
-                f"{path / folder}: is a link, through which no result is written or removed; "
-                "remove it, or choose another folder"
-            )
-
-
 def _result_files(path: Path) -> list[Path]:
     """Files of a result, the one that declares it whole first."""
     names = (PROVENANCE_FILE, TRIALS_FILE, JOURNAL_FILE)
     files = [path / name for name in names if (path / name).exists()]
-    _refuse_links(path)
+    refuse_links(path, _INNER)
     for folder, form in _FOLDERS.items():
         if (path / folder).is_dir():
             found = (path / folder).iterdir()

@@ -140,19 +140,39 @@ def read_store(path: Path, kind: StoreKind, identity: Mapping[str, Any], take: T
                 if not line.endswith(b"\n"):
                     break
                 try:
-                    entry = json.loads(line)
+                    entry = _record(line)
                     if number == 0:
                         _check_header(path, kind, entry, header)
                     else:
                         take(entry)
                 except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
                     raise ResultError(
-                        f"{path}:{number + 1}: damaged ({error}); {kind.damaged}"
+                        f"{path}:{number + 1}: damaged ({_reason(error)}); {kind.damaged}"
                     ) from None
                 end += len(line)
     except OSError as error:
         raise ResultError(f"{path}: cannot be read ({error.strerror})") from error
     return end
+
+
+def _record(line: bytes) -> dict[str, Any]:
+    try:
+        entry = json.loads(line)
+    except (ValueError, RecursionError):
+        raise ValueError("is no JSON of VSR2") from None
+    if not isinstance(entry, dict):
+        raise ValueError("is no record")
+    return entry
+
+
+def _reason(error: Exception) -> str:
+    """What is wrong with a record, without the words of the language."""
+    match error:
+        case KeyError():
+            return f"{error.args[0]} is missing"
+        case TypeError() | OverflowError() | RecursionError():
+            return "a value has another type or size"
+    return str(error)
 
 
 def refuse_written(path: Path) -> None:

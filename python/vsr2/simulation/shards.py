@@ -16,6 +16,7 @@ from typing import Any, Self
 
 from vsr2.errors import ResultError, SimulationError
 from vsr2.results import (
+    SHARD_FOLDER,
     BatchResult,
     Journal,
     adopt_trial_log,
@@ -23,13 +24,13 @@ from vsr2.results import (
     log_mark,
     prepare_folder,
     read_journal,
+    refuse_links,
 )
 from vsr2.results.atomic import write_text
 from vsr2.simulation.batch import run_batch
 from vsr2.simulation.planning import plan_sha256
 from vsr2.trial import Trial
 
-SHARD_FOLDER = "shards"
 SHARD_FILE = "shard.json"
 _NAME = re.compile(r"([1-9]\d*)-of-([1-9]\d*)")
 _FACTS = ("vsr2", "python", "numpy", "platform", "processor", "created", "build", "wall_time_s")
@@ -110,6 +111,7 @@ def run_shard(
         ResultError: the folder cannot be used, or holds the shard already.
     """
     _check_count(shard.count, len(trials))
+    refuse_links(folder, (SHARD_FOLDER,))
     own = shard.folder(folder)
     prepare_folder(own, overwrite=overwrite, resume=resume)
     if not has_journal(own):

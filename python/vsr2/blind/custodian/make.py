@@ -298,6 +298,11 @@ def _begin(
     return state
 
 
+def is_begun(key: Path) -> bool:
+    """Whether a folder holds the key of a pack, begun or finished."""
+    return (key / _STATE).exists()
+
+
 def motion_folders(settings: PackSettings) -> list[str]:
     """Of the motions that campaigns share, one a protocol, in the data folder."""
     count = settings.protocols

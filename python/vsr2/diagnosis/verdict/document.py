@@ -22,6 +22,7 @@ Schema = Literal["vsr2.diagnosis/5"]
 SCHEMA: Schema = get_args(Schema)[0]
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
+TABLES = EFFECTS, WHERE, TRIALS = "effects.csv", "where.csv", "trials.csv"
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,8 +88,8 @@ class Diagnosis(OneLine):
             for name, p in (row["parameters"] or {"": blank}).items()
         ]
         return {
-            "effects.csv": csv_text(effects, ".6g"),
-            "where.csv": csv_text(
+            EFFECTS: csv_text(effects, ".6g"),
+            WHERE: csv_text(
                 [
                     {
                         "location": row["location"]["kind"],
@@ -99,7 +100,7 @@ class Diagnosis(OneLine):
                 ],
                 ".6g",
             ),
-            "trials.csv": csv_text(self.trials, ".6g"),
+            TRIALS: csv_text(self.trials, ".6g"),
         }
 
     def save(self, folder: str | Path) -> Path:
