@@ -1,5 +1,6 @@
 """The shell commands of README and documentation do what the pages say, in their order."""
 
+import re
 import runpy
 from pathlib import Path
 
@@ -14,6 +15,17 @@ PAGES = [page for page in SCRIPT["pages"]() if SCRIPT["script"](page, False)]
 def test_commands_of_a_page_run_in_order(page, tmp_path):
     done = SCRIPT["run"](page, tmp_path)
     assert done.returncode == 0, done.stderr
+
+
+def test_the_tutorial_shows_what_its_commands_print(tmp_path):
+    [page] = [page for page in PAGES if page.name == "first_rock.md"]
+    done = SCRIPT["run"](page, tmp_path)
+    blocks = re.findall(r"^```(\w*)\n(.*?)^```$", page.read_text(), re.M | re.S)
+    shown = [text for language, text in blocks if not language]
+    assert len(shown) == 2
+    printed = done.stdout.splitlines()
+    for line in "".join(shown).splitlines():
+        assert line in printed
 
 
 def test_most_pages_have_commands_and_few_are_left_out():
