@@ -1,6 +1,6 @@
 """What each suspected cause takes off the loss of the laboratory's campaign, by margins.
 
-    vsr2 campaign import-lab SOURCE out/lab
+    vsr2 campaign import-lab SOURCE --out out/lab
     python studies/lab_causes.py [--replicates N] [--threads N]
 
 Four causes may act: how the specimen stood (turn and lean), its dissipation (rolling resistance and
