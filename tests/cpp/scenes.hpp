@@ -1,11 +1,31 @@
 #pragma once
 // Scenes that several tests use.
 
+#include <initializer_list>
 #include <memory>
 
 #include "vsr2/trial.hpp"
 
 namespace vsr2::testing {
+
+struct GivenValue {
+  ContactKey key;
+  double value;
+};
+
+/// Contact values by name, the others the original's.
+inline ContactValues material(std::initializer_list<GivenValue> given) {
+  ContactValues out;
+  for (const GivenValue& one : given) out[one.key] = one.value;
+  return out;
+}
+
+/// A material that neither bounces nor resists spinning.
+inline ContactValues frictional(double lateral_friction) {
+  return material({{"restitution", 0.0},
+                   {"lateral_friction", lateral_friction},
+                   {"spinning_friction", 0.0}});
+}
 
 struct BlockOptions {
   Eigen::Vector3d size{0.4, 0.55, 0.95};

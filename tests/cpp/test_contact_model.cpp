@@ -20,15 +20,28 @@ TEST(ContactModel, TableS1FollowsFromTheBodyLevelInputs) {
 }
 
 TEST(ContactModel, PairsDoNotDependOnTheOrder) {
-  const ContactValues a{0.2, 0.3, 0.4, 0.0, 1e6, 10.0};
-  const ContactValues b{0.5, 0.6, 0.7, 0.0, 3e6, 20.0};
+  const ContactValues a = testing::material({{"restitution", 0.2},
+                                             {"lateral_friction", 0.3},
+                                             {"spinning_friction", 0.4},
+                                             {"stiffness", 1e6},
+                                             {"damping", 10.0}});
+  const ContactValues b = testing::material({{"restitution", 0.5},
+                                             {"lateral_friction", 0.6},
+                                             {"spinning_friction", 0.7},
+                                             {"stiffness", 3e6},
+                                             {"damping", 20.0}});
   EXPECT_DOUBLE_EQ(combine(a, b)["spinning_friction"], combine(b, a)["spinning_friction"]);
   EXPECT_DOUBLE_EQ(combine(a, b)["spinning_friction"], 0.4 * 0.6 + 0.7 * 0.3);
   EXPECT_NEAR(combine(a, b)["stiffness"], 0.75e6, 1e-6);
 }
 
 TEST(ContactModel, RunningContactUsesTheEffectivePair) {
-  const auto scene = testing::block_scene({.material = {0.2, 0.6, 0.3, 0.0, 4e8, 5e6}});
+  const auto scene = testing::block_scene(
+      {.material = testing::material({{"restitution", 0.2},
+                                      {"lateral_friction", 0.6},
+                                      {"spinning_friction", 0.3},
+                                      {"stiffness", 4e8},
+                                      {"damping", 5e6}})});
   auto world = make_bullet_world(scene, Drive::prescribed);
   world->spawn_rock(testing::standing(0.4752));
   for (int i = 0; i < 300; ++i) world->step({});
@@ -57,7 +70,10 @@ TEST(ContactModel, FirstImpactFollowsTheImpulseFormula) {
   options.engine.gravity = 0.0;
   options.engine.linear_damping = 0.0;
   options.engine.angular_damping = 0.0;
-  options.material = {0.9, 0.0, 0.0, 0.0, 1e9, 1e7};
+  options.material = testing::material({{"restitution", 0.9},
+                                        {"lateral_friction", 0.0},
+                                        {"spinning_friction", 0.0},
+                                        {"stiffness", 1e9}});
   const auto scene = testing::block_scene(options);
   const Eigen::Quaterniond q(Eigen::AngleAxisd(0.6, Eigen::Vector3d(1, 0.7, 0).normalized()));
   double lowest = 0.0;

@@ -29,7 +29,7 @@ struct Block {
   bool hull = false;
   Mechanisms mechanisms;
   EngineSettings engine = undamped();
-  ContactValues material = {0.0, 1.2, 0.0, 0.0, 2.6e9, 1e7};
+  ContactValues material = testing::frictional(1.2);
 
   double R() const { return std::hypot(b, h); }
   double alpha() const { return std::atan2(b, h); }
@@ -235,7 +235,7 @@ Block slab() {
   block.b = 0.5;
   block.h = 0.1;
   block.depth = 1.0;
-  block.material = {0.0, std::sqrt(0.3), 0.0, 0.0, 2.6e9, 1e7};
+  block.material = testing::frictional(std::sqrt(0.3));
   return block;
 }
 

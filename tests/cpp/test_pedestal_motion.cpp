@@ -219,11 +219,11 @@ TEST(PedestalMotion, PitchTiltsGravity) {
   BlockOptions wide;
   wide.size = {1.0, 1.0, 0.2};
   wide.engine = undamped();
-  wide.material = {0.0, std::sqrt(0.3), 0.0, 0.0, 2.6e9, 1e7};
+  wide.material = testing::frictional(std::sqrt(0.3));
   BlockOptions slender;
   slender.size = {0.2, 0.8, 1.0};
   slender.engine = undamped();
-  slender.material = {0.0, 1.2, 0.0, 0.0, 2.6e9, 1e7};
+  slender.material = testing::frictional(1.2);
   // 1 mm of movement comes within 0.02 s of the onset for sliding at 9.81 x 0.05 t m/s^3, and
   // later for the slow growth of overturning: at 0.05 rad/s both are within 0.012 rad.
   for (const auto& world : worlds(block_scene(wide), kSpatial)) {

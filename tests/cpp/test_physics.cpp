@@ -69,7 +69,7 @@ TEST(Physics, SlidingStartsAtTheFrictionCoefficient) {
   BlockOptions options;
   options.size = {1.0, 1.0, 0.2};
   options.engine = undamped();
-  options.material = {0.0, std::sqrt(0.3), 0.0, 0.0, 2.6e9, 1e7};
+  options.material = testing::frictional(std::sqrt(0.3));
   const auto slip_after = [&](double acceleration) {
     auto world = make_bullet_world(block_scene(options), Drive::prescribed);
     world->spawn_rock(standing(0.1));
@@ -105,7 +105,7 @@ TEST(Physics, RockingPeriodFollowsHousner) {
   BlockOptions options;
   options.size = {0.2, 0.8, 1.0};
   options.engine = undamped();
-  options.material = {0.0, 1.0, 0.0, 0.0, 2.6e9, 1e7};
+  options.material = testing::frictional(1.0);
   const auto scene = block_scene(options);
   const double b = 0.1, h = 0.5, R = std::hypot(b, h), alpha = std::atan2(b, h);
   const double p2 = 3 * 9.81 / (4 * R);
@@ -140,7 +140,7 @@ double impact_energy_ratio(double b, double h) {
   BlockOptions options;
   options.size = {2 * b, 0.8, 2 * h};
   options.engine = undamped();
-  options.material = {0.0, 1.2, 0.0, 0.0, 2.6e9, 1e7};
+  options.material = testing::frictional(1.2);
   const auto scene = block_scene(options);
   const double alpha = std::atan2(b, h), R = std::hypot(b, h), tilt = 0.6 * alpha;
   auto world = make_bullet_world(scene, Drive::prescribed);
@@ -267,7 +267,7 @@ TEST(Physics, MinimumOverturningPulseMatchesThePlanarModel) {
   BlockOptions options;
   options.size = {2 * b, 0.8, 2 * h};
   options.engine = undamped();
-  options.material = {0.0, 1.2, 0.0, 0.0, 2.6e9, 1e7};
+  options.material = testing::frictional(1.2);
   const auto scene = block_scene(options);
   const auto simulated = [&](double peak) {
     auto world = make_bullet_world(scene, Drive::prescribed);
@@ -307,7 +307,7 @@ TEST(Physics, ResponseConvergesWithTheTimeStep) {
     options.size = {0.2, 0.8, 1.0};
     options.engine = undamped();
     options.engine.substeps = substeps;
-    options.material = {0.0, 1.0, 0.0, 0.0, 2.6e9, 1e7};
+    options.material = testing::frictional(1.0);
     auto world = make_bullet_world(block_scene(options), Drive::prescribed);
     world->spawn_rock({{0, 0, 2.5 + R * std::cos(alpha - tilt)},
                        Eigen::Quaterniond(Eigen::AngleAxisd(tilt, Eigen::Vector3d::UnitY()))});
