@@ -100,7 +100,6 @@ def probability_intervals(
     probability: ArrayLike,
     motions: ArrayLike,
     *,
-    level: float = 0.95,
     replicates: int = 2000,
     seed: int = 0,
 ) -> Mapping[str, Interval]:
@@ -110,7 +109,6 @@ def probability_intervals(
         observed: whether each trial overturned, boolean, shape (n,).
         probability: of overturning, above 0 and below 1, shape (n,).
         motions: ground motion of each trial, shape (n,).
-        level: of the intervals.
         replicates: of the bootstrap.
         seed: of its draws.
 
@@ -132,7 +130,7 @@ def probability_intervals(
     }
     for name, values in score_replicates(truth, guess, counts).items():
         drawn[name] = float(getattr(found, name)), values
-    return {name: percentile_interval(*drawn[name], level) for name in PROBABILITY_SCORES}
+    return {name: percentile_interval(*drawn[name]) for name in PROBABILITY_SCORES}
 
 
 def reliability(
@@ -140,7 +138,6 @@ def reliability(
     probability: ArrayLike,
     motions: ArrayLike,
     *,
-    level: float = 0.95,
     replicates: int = 2000,
     seed: int = 0,
 ) -> tuple[ReliabilityBin, ...]:
@@ -150,7 +147,6 @@ def reliability(
         observed: whether each trial overturned, boolean, shape (n,).
         probability: of overturning, above 0 and below 1, shape (n,).
         motions: ground motion of each trial, shape (n,).
-        level: of the intervals.
         replicates: of the bootstrap over motions.
         seed: of its draws.
 
@@ -172,7 +168,7 @@ def reliability(
         total = counts @ inside.astype(np.float64)
         share = np.full(len(counts), np.nan)
         np.divide(counts @ (inside & truth).astype(np.float64), total, out=share, where=total > 0)
-        seen = percentile_interval(float(truth[inside].mean()), share, level)
+        seen = percentile_interval(float(truth[inside].mean()), share)
         out.append(ReliabilityBin(low, high, trials, float(p[inside].mean()), seen))
     return tuple(out)
 

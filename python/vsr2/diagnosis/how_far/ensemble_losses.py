@@ -103,6 +103,13 @@ def interval(values: Array) -> Interval:
     return Interval(float(values[0]), float(low), float(high))
 
 
+def share_of_gap(part: Array, gap: Array) -> Interval:
+    """A difference of mean losses over the gap, of equal replicates; NaN where there is no gap."""
+    if gap[0] <= 0:
+        return Interval(np.nan, np.nan, np.nan)
+    return interval(part / np.maximum(gap, 1e-9))
+
+
 def resampled_means(values: Array, motion: NDArray[np.int64], *, replicates: int) -> Array:
     """Means over trials under a bootstrap of motions, values (k, trials), shape (replicates, k)."""
     from vsr2.campaign import motion_resamples

@@ -29,6 +29,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     feature_scores,
     interval,
     resampled_means,
+    share_of_gap,
 )
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.training import Posterior
@@ -138,12 +139,7 @@ class HowFar:
         return self._share(np.min(controls, axis=0) - self._means[Loss.AFTER])
 
     def _share(self, part: Array) -> Interval:
-        """A difference of mean losses over the gap, of equal replicates."""
-        gap = self._means[Loss.BEFORE] - self._means[Loss.FLOOR]
-        if gap[0] <= 0:
-            return Interval(np.nan, np.nan, np.nan)
-        gap[1:] = np.maximum(gap[1:], 1e-9)
-        return interval(part / gap)
+        return share_of_gap(part, self._means[Loss.BEFORE] - self._means[Loss.FLOOR])
 
 
 def simulations(trials: int) -> int:

@@ -18,7 +18,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.how_far.ensemble_losses import Interval, interval, resampled_means
+from vsr2.diagnosis.how_far.ensemble_losses import (
+    Interval,
+    interval,
+    resampled_means,
+    share_of_gap,
+)
 from vsr2.diagnosis.how_far.held_out import (
     HELD_OUT,
     ensemble,
@@ -116,11 +121,8 @@ class Waterfall:
 
     def closure(self) -> Interval:
         """Share of the gap that is closed with all effects of the posterior."""
-        gap = self._means[:, 0] - self._means[:, -1]
-        if gap[0] <= 0:
-            return Interval(np.nan, np.nan, np.nan)
-        gap[1:] = np.maximum(gap[1:], 1e-9)
-        return interval((self._means[:, 0] - self._means[:, -2]) / gap)
+        means = self._means
+        return share_of_gap(means[:, 0] - means[:, -2], means[:, 0] - means[:, -1])
 
     def share(self, name: str) -> Interval:
         """What an effect takes off the mean loss, on average over all orders [nat a trial]."""
