@@ -152,7 +152,7 @@ def test_seeds_decide_the_noise_and_trials_do_not_share_it(study):
     assert len(set(errors.values())) == len(errors)
 
 
-def test_an_interrupted_campaign_resumes_to_the_same(study, tmp_path):
+def test_a_campaign_that_is_made_is_given_back(study, tmp_path):
     arguments = {
         "study": study,
         "series_every": 20,
@@ -160,27 +160,18 @@ def test_an_interrupted_campaign_resumes_to_the_same(study, tmp_path):
         "noise": MeasurementNoise(tilt=0.001, peak_tilt=0.001, displacement=1e-5),
     }
     complete = simulate_campaign(**arguments)
-    cut = [
-        replace(t, overturned=None, peak_tilt=None, series=None, note="to people") if i % 2 else t
-        for i, t in enumerate(complete.trials)
-    ]
-    ends = {t.trial: "cancelled" for i, t in enumerate(complete.trials) if i % 2}
-    partly = replace(
-        complete, trials=tuple(cut), provenance={**complete.provenance, "statuses": ends}
-    )
-    save_campaign(partly, tmp_path / "c")
-    resumed = simulate_campaign(**arguments, resume=load_campaign(tmp_path / "c"))
-    assert_equal(replace(complete, provenance={}), replace(resumed, provenance={}))
-    assert set(trial_statuses(resumed).values()) == {Status.ok}
-    # A note is for people: it decides nothing.
-    noted = replace(complete, trials=tuple(replace(t, note="cancelled") for t in complete.trials))
-    assert_equal(noted, simulate_campaign(**arguments, resume=noted))
-    old = {key: value for key, value in complete.provenance.items() if key != "statuses"}
-    with pytest.raises(CampaignError, match="does not say how its trials ended; simulate it again"):
-        simulate_campaign(**arguments, resume=replace(complete, provenance=old))
-    assert_equal(complete, simulate_campaign(**arguments, resume=complete))
+    assert set(trial_statuses(complete).values()) == {Status.ok}
+    save_campaign(complete, tmp_path / "c")
+    made = load_campaign(tmp_path / "c")
+    assert simulate_campaign(**arguments, made=made) is made
     with pytest.raises(CampaignError, match="from another study, seed or noise"):
-        simulate_campaign(**arguments, seed=1, resume=complete)
+        simulate_campaign(**arguments, seed=1, made=made)
+
+
+def test_a_campaign_of_an_older_form_does_not_say_how_its_trials_ended(plain):
+    old = {key: value for key, value in plain.provenance.items() if key != "statuses"}
+    with pytest.raises(CampaignError, match="does not say how its trials ended; simulate it again"):
+        trial_statuses(replace(plain, provenance=old))
 
 
 def test_a_checkpoint_gives_the_same_campaign_wherever_it_was_cut(study, tmp_path):
@@ -199,8 +190,6 @@ def test_a_checkpoint_gives_the_same_campaign_wherever_it_was_cut(study, tmp_pat
         (folder / JOURNAL_FILE).write_bytes(b"".join(lines[: finished + 1]))
         again = simulate_campaign(**arguments, checkpoint=folder)
         assert_equal(replace(complete, provenance={}), replace(again, provenance={}))
-    with pytest.raises(CampaignError, match="not both"):
-        simulate_campaign(**arguments, checkpoint=folder, resume=complete)
 
 
 def test_trials_of_ones_own_with_ids(study):

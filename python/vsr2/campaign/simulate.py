@@ -28,7 +28,6 @@ from vsr2.errors import CampaignError
 from vsr2.motion import Motion, Record
 from vsr2.results import (
     JUDGED,
-    UNFINISHED,
     BatchResult,
     Outcome,
     Status,
@@ -47,7 +46,6 @@ Array = NDArray[np.float64]
 
 SPECIMEN = "rock"
 """Id of the specimen of a simulated campaign."""
-_OUTCOME = ("overturned", "peak_tilt", "note", "series")
 
 
 class RunOptions(TypedDict, total=False):
@@ -59,12 +57,6 @@ class RunOptions(TypedDict, total=False):
     client: distributed.Client | None
 
 
-class CampaignOptions(RunOptions, total=False):
-    """The same, and what was run before."""
-
-    resume: Campaign | None
-
-
 def simulate_campaign(
     study: Study | Sequence[Trial],
     *,
@@ -74,7 +66,8 @@ def simulate_campaign(
     noise: MeasurementNoise | None = None,
     seed: int = 0,
     series_every: int = 0,
-    **run: Unpack[CampaignOptions],
+    made: Campaign | None = None,
+    **run: Unpack[RunOptions],
 ) -> Campaign:
     """Run trials and write down what an experimenter would have measured.
 
@@ -94,23 +87,19 @@ def simulate_campaign(
         noise: standard errors; None, and channels not stated: none.
         seed: of the noise and of what effects draw.
         series_every: keep a row of the series every so many time steps; 0: no series.
+        made: a campaign that the same call gave before: it is given back, and nothing is run.
         run: threads, progress, checkpoint and client of :func:`vsr2.simulation.run_batch`. With a
             checkpoint a call that was killed, made again, runs only the other trials and gives the
-            same campaign. In place of a checkpoint `resume`: a campaign of the same call that was
-            interrupted; only trials that it lacks are run.
+            same campaign.
 
     Returns:
         The campaign. Failed and interrupted trials have no outcome; :func:`trial_statuses` tells
         how each ended, and its note says so to people.
 
     Raises:
-        CampaignError: lists of another length than the trials, or `resume` is of another call or
-            given with a checkpoint.
+        CampaignError: lists of another length than the trials, or `made` is of another call.
         Vsr2Error: as `run_batch`.
     """
-    resume = run.pop("resume", None)
-    if resume is not None and run.get("checkpoint") is not None:
-        raise CampaignError("give either resume or checkpoint, not both")
     if series_every < 0 or seed < 0:
         raise CampaignError(f"series_every ({series_every}) and seed ({seed}) must be 0 or more")
     noise = _noise(noise)
@@ -119,22 +108,22 @@ def simulate_campaign(
     held = _sessions(sessions, len(asked))
     trials = apply_effects(asked, wanted, sessions=held, seed=seed)
     digest = _digest(trials, noise, seed)
+    if made is not None:
+        if made.provenance.get("digest") != digest:
+            raise CampaignError(
+                f"campaign {made.name!r} was made from another study, seed or noise; simulate into "
+                "a new folder, or overwrite it without resuming"
+            )
+        return made
     rows, written = _unjudged(asked, names, held, noise, seed)
-    kept, statuses = _finished(resume, digest)
-    pending = [i for i, row in enumerate(rows) if row.trial not in kept]
-    result, series = _run(trials, pending, noise, seed, run)
+    result, series = _run(trials, noise, seed, run)
+    ends = {}
     for i, row in enumerate(rows):
-        if row.trial in kept:
-            rows[i] = replace(row, **{name: getattr(kept[row.trial], name) for name in _OUTCOME})
-    provenance = resume.provenance if resume is not None else {}
-    if result is not None:
-        for k, i in enumerate(pending):
-            rng = _generator(seed, i, 1)
-            statuses[rows[i].trial] = Status[result["status"][k]]
-            rows[i] = _judged(rows[i], result, k, noise, rng, series.get(i))
-        facts = _facts(study, wanted, noise, seed, series_every)
-        ends = {trial: end.name for trial, end in statuses.items() if end is not Status.ok}
-        provenance = {"digest": digest, **facts, **result.provenance, **facts, "statuses": ends}
+        if result["status"][i] != Status.ok.name:
+            ends[row.trial] = str(result["status"][i])
+        rows[i] = _judged(row, result, i, noise, _generator(seed, i, 1), series.get(i))
+    facts = _facts(study, wanted, noise, seed, series_every)
+    provenance = {"digest": digest, **facts, **result.provenance, **facts, "statuses": ends}
     return Campaign(
         name=study.name if isinstance(study, Study) else "simulated",
         trials=tuple(rows),
@@ -183,31 +172,27 @@ def _sessions(sessions: Sequence[str] | int | None, count: int) -> Sequence[str]
 
 def _run(
     trials: Sequence[Trial],
-    pending: Sequence[int],
     noise: MeasurementNoise,
     seed: int,
     options: RunOptions,
-) -> tuple[BatchResult | None, dict[int, Series]]:
-    """Results of the trials that are pending, in their order, and series by index of all trials."""
+) -> tuple[BatchResult, dict[int, Series]]:
+    """Results of the trials, and their series by index."""
     from vsr2.simulation import run_batch
 
     series: dict[int, Series] = {}
 
     def keep(index: int, log: TrialLog | None) -> None:
-        i = pending[index]
-        one = None if log is None else _series(log, noise, _generator(seed, i, 2))
+        one = None if log is None else _series(log, noise, _generator(seed, index, 2))
         if one is not None:
-            series[i] = one
+            series[index] = one
 
-    if not pending:
-        return None, series
-    result = run_batch([trials[i] for i in pending], keep_logs=False, on_trial=keep, **options)
+    result = run_batch(trials, keep_logs=False, on_trial=keep, **options)
     checkpoint = options.get("checkpoint")
     if checkpoint is not None and trials[0].output.log_every:
         # Of trials that were finished before.
-        for k, i in enumerate(pending):
-            if i not in series and result["status"][k] in JUDGED:
-                keep(k, load_trial_log(checkpoint, k))
+        for i in range(len(trials)):
+            if i not in series and result["status"][i] in JUDGED:
+                keep(i, load_trial_log(checkpoint, i))
     return result, series
 
 
@@ -270,23 +255,6 @@ def trial_statuses(campaign: Campaign) -> dict[str, Status]:
             "simulate it again with this VSR2"
         )
     return {trial.trial: Status[ends.get(trial.trial, Status.ok.name)] for trial in campaign.trials}
-
-
-def _finished(
-    resume: Campaign | None, digest: str
-) -> tuple[dict[str, CampaignTrial], dict[str, Status]]:
-    """Trials that need not be run, and how they ended."""
-    if resume is None:
-        return {}, {}
-    if resume.provenance.get("digest") != digest:
-        raise CampaignError(
-            f"campaign {resume.name!r} was made from another study, seed or noise; simulate into a "
-            "new folder, or overwrite it without resuming"
-        )
-    statuses = {
-        trial: end for trial, end in trial_statuses(resume).items() if end.name not in UNFINISHED
-    }
-    return {one.trial: one for one in resume.trials if one.trial in statuses}, statuses
 
 
 def _judged(

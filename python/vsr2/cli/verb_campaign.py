@@ -338,15 +338,18 @@ def _simulated(
     from vsr2.campaign import load_campaign, simulate_campaign
     from vsr2.results import has_journal, prepare_folder
 
-    present = (dest / "campaign.yaml").exists()
-    unfinished = options.resume and has_journal(checkpoint)
-    resume = load_campaign(dest) if options.resume and present and not unfinished else None
-    if has_journal(checkpoint) and not (options.resume or options.overwrite):
+    unfinished = has_journal(checkpoint)
+    if unfinished and not (options.resume or options.overwrite):
         raise CampaignError(
             f"{checkpoint}: keeps an unfinished simulation; go on with --resume, or begin again "
             "with --overwrite"
         )
-    if resume is None:
+    made = None
+    if options.resume and not unfinished and (dest / "campaign.yaml").exists():
+        made = load_campaign(dest)
+    if made is not None and made.provenance.get("interrupted"):
+        made = None  # without its checkpoint nothing of it can be kept
+    if made is None:
         prepare_folder(checkpoint, overwrite=options.overwrite, resume=options.resume)
     with opt.cluster(options.scheduler, options.threads) as client:
         return simulate_campaign(
@@ -357,7 +360,7 @@ def _simulated(
             series_every=options.series_every,
             threads=options.threads,
             progress=not options.quiet,
-            resume=resume,
-            checkpoint=checkpoint if resume is None else None,
+            made=made,
+            checkpoint=checkpoint if made is None else None,
             client=client,
         )
