@@ -152,6 +152,25 @@ def test_no_two_modules_share_a_name() -> None:
     assert {stem for stem in stems if stems.count(stem) > 1} == set()
 
 
+@pytest.mark.parametrize("folder", ["cpp", "python", "tests", "studies", "benchmarks", "scripts"])
+def test_modules_and_functions_stay_short(folder: str) -> None:
+    sources = [p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".cpp", ".hpp")]
+    long = [p for p in sources if len(p.read_text().splitlines()) > 500]
+    assert not long
+    functions = [
+        (path, node)
+        for path in sources
+        if path.suffix == ".py"
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef | ast.AsyncFunctionDef)
+    ]
+    for path, node in functions:
+        assert (node.end_lineno or 0) - node.lineno < 80, f"{path}: {node.name}"
+        named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
+        own = [one for one in named if one.arg not in ("self", "cls")]
+        assert len(own) <= 8, f"{path}: {node.name}"
+
+
 def test_the_core_knows_no_python() -> None:
     for path in (ROOT / "cpp").rglob("*.?pp"):
         assert not re.search(r"#include\s*[<\"](Python\.h|pybind11)", path.read_text()), path

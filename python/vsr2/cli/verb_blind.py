@@ -72,19 +72,38 @@ def _settings(made_of: Any, engines: tuple[str, ...], effects: tuple[str, ...]) 
     return PackSettings(engines=tuple(dict.fromkeys(engines)), effects=effects, **chosen)
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Making:
+    """How a pack is made.
+
+    Attributes:
+        key: folder of the key, outside OUT/data (default: OUT-key, beside OUT)
+        engine: that simulates (may be repeated)
+        effect: draw only this effect (may be repeated; default: all)
+        seed: of an open pack; the others have theirs from the operating system, so that nobody can
+            draw the answer again
+    """
+
+    key: Path | None = None
+    engine: Annotated[tuple[str, ...], Parameter(choices=ENGINES)] = (EngineName.MUJOCO.value,)
+    effect: tuple[str, ...] = ()
+    seed: opt.Integer | None = None
+    set: opt.Settings = ()
+
+
+MAKING = Making()
+
+
 @verbs.command
 def make(
     scene: Path,
     /,
     *,
     out: Path,
-    key: Path | None = None,
-    engine: Annotated[tuple[str, ...], Parameter(choices=ENGINES)] = (EngineName.MUJOCO.value,),
+    making: Making = MAKING,
     made_of: Pack = PACK,
-    effect: tuple[str, ...] = (),
-    seed: opt.Integer | None = None,
     resume: opt.Resume = False,
-    set: opt.Settings = (),
     quiet: opt.Quiet = False,
 ) -> int:
     """Draw, simulate and seal a pack.
@@ -95,24 +114,19 @@ def make(
     Args:
         scene: study with the nominal scene
         out: folder of the pack
-        key: folder of the key, outside OUT/data (default: OUT-key, beside OUT)
-        engine: that simulates (may be repeated)
-        effect: draw only this effect (may be repeated; default: all)
-        seed: of an open pack; the others have theirs from the operating system, so that nobody can
-            draw the answer again
     """
     from vsr2.blind import is_begun, make_pack
     from vsr2.errors import BlindError
     from vsr2.report.messages.blind_packs import sealed_pack
 
-    if seed is not None and not made_of.development:
+    if making.seed is not None and not made_of.development:
         raise BlindError("--seed: only for open packs; add --development, or leave it out")
-    settings = _settings(made_of, engine, effect)
+    settings = _settings(made_of, making.engine, making.effect)
     folder = out.resolve()
     if not folder.name:
         raise BlindError(f"{out}: has no name that the key's folder could have; add --key")
-    study = opt.scene(scene, set)
-    key = key or folder.with_name(f"{folder.name}-key")
+    study = opt.scene(scene, making.set)
+    key = making.key or folder.with_name(f"{folder.name}-key")
     if is_begun(key) and not resume:
         raise BlindError(f"{key}: holds the key of a pack; go on with it by --resume")
     made = make_pack(
@@ -120,7 +134,7 @@ def make(
         out,
         key,
         settings,
-        seed=seed,
+        seed=making.seed,
         say=_progress(quiet),
     )
     if not quiet:

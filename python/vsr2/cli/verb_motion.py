@@ -125,6 +125,25 @@ def info(
     return 0
 
 
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Scaling:
+    """How a motion is changed.
+
+    Attributes:
+        scale: factor on the motion; negative mirrors it
+        scale_to_pga_g: target PGA [g]
+        time_step: resample to this [s] (default: the record's own)
+    """
+
+    scale: float | None = None
+    scale_to_pga_g: float | None = None
+    time_step: float | None = None
+
+
+UNSCALED = Scaling()
+
+
 @verbs.command
 def convert(
     source: Path,
@@ -133,9 +152,7 @@ def convert(
     out: Target,
     reading: Reading = AS_IS,
     processing: Processing = UNPROCESSED,
-    scale: float | None = None,
-    scale_to_pga_g: float | None = None,
-    time_step: float | None = None,
+    scaling: Scaling = UNSCALED,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> int:
@@ -146,31 +163,29 @@ def convert(
 
     Args:
         source: recording
-        scale: factor on the motion; negative mirrors it
-        scale_to_pga_g: target PGA [g]
-        time_step: resample to this [s] (default: the record's own)
     """
     from vsr2.errors import MotionError
     from vsr2.motion import build_recorded_motion, write_record
     from vsr2.report.messages.data import motion_peaks
 
-    if scale_to_pga_g is not None and not (math.isfinite(scale_to_pga_g) and scale_to_pga_g > 0):
-        raise MotionError(f"--scale-to-pga-g {scale_to_pga_g:g}: give a PGA above 0, in g")
+    pga_g = scaling.scale_to_pga_g
+    if pga_g is not None and not (math.isfinite(pga_g) and pga_g > 0):
+        raise MotionError(f"--scale-to-pga-g {pga_g:g}: give a PGA above 0, in g")
     record = reading.read(source)
     target = target_file(out, overwrite=overwrite)
-    if processing == UNPROCESSED and (scale, scale_to_pga_g, time_step) == (None, None, None):
+    if processing == UNPROCESSED and scaling == UNSCALED:
         write_record(record, target, note=f"from {source.name}, channels as read")
         if not quiet:
             print(target)
         return 0
     motion = build_recorded_motion(
         record,
-        record.sample_interval if time_step is None else time_step,
+        record.sample_interval if scaling.time_step is None else scaling.time_step,
         **processing.arguments(),
-        scale=1.0 if scale is None else scale,
+        scale=1.0 if scaling.scale is None else scaling.scale,
     )
-    if scale_to_pga_g is not None:
-        motion = motion.scaled_to_pga_g(scale_to_pga_g, name=motion.name)
+    if pga_g is not None:
+        motion = motion.scaled_to_pga_g(pga_g, name=motion.name)
     write_record(motion, target, note=motion.source)
     if not quiet:
         print(motion_peaks(motion, target))

@@ -14,10 +14,8 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.blind.custodian.bullet_engine import BULLET
 from vsr2.blind.custodian.campaign_recording import RECORDING, recorded_campaign
 from vsr2.blind.custodian.design import (
-    DESIGN,
     Protocol,
     catalogue,
     draw_inputs,
@@ -27,6 +25,7 @@ from vsr2.blind.custodian.design import (
 from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.custodian.engine import Engine, build_engine
 from vsr2.blind.custodian.measurements import Measurements, Steps, read_back
+from vsr2.blind.custodian.pack_constants import pack_constants
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.pack_form import EffectAxis, tiers_made
@@ -48,14 +47,6 @@ from vsr2.blind.form.seal import (
     write_json,
 )
 from vsr2.blind.mujoco import ContactModel, Drawable, Response, draw_contact
-from vsr2.blind.mujoco.contact_models import FAMILY
-from vsr2.blind.mujoco.driven_table import TABLE
-from vsr2.blind.mujoco.ground import GROUND
-from vsr2.blind.mujoco.model import MODEL
-from vsr2.blind.mujoco.mujoco_effects import ROUGH_BASE
-from vsr2.blind.mujoco.mujoco_trial import TRIAL
-from vsr2.blind.mujoco.rigid_body import HULL
-from vsr2.blind.mujoco.step_actions import MECHANISMS
 from vsr2.campaign import save_campaign
 from vsr2.codes import Statement
 from vsr2.config import Study
@@ -424,24 +415,6 @@ def _axis(effects: tuple[Drawn, ...]) -> EffectAxis:
     return EffectAxis.ORDER if drifts else EffectAxis.CONDITIONS
 
 
-def _constants() -> dict[str, dict[str, Any]]:
-    """Chosen numbers that a pack rests on beside `rules`, by what they are of."""
-    return {
-        "making": asdict(MAKING),
-        "design": asdict(DESIGN),
-        "ground_motion": asdict(GROUND),
-        "contact_family": asdict(FAMILY),
-        "mechanisms": asdict(MECHANISMS),
-        "mujoco_hull": asdict(HULL),
-        "mujoco_model": asdict(MODEL),
-        "mujoco_rough_base": asdict(ROUGH_BASE),
-        "mujoco_table": asdict(TABLE),
-        "mujoco_trial": asdict(TRIAL),
-        "bullet": asdict(BULLET),
-        "recording": asdict(RECORDING),
-    }
-
-
 def _seal(
     data: Path,
     key: Path,
@@ -464,7 +437,7 @@ def _seal(
             },
             "contact": asdict(contact),
             "rules": asdict(RULES),
-            "constants": _constants(),
+            "constants": pack_constants(asdict(MAKING)),
             **{name: state[name] for name in ("scene_sha256", "model_sha256") if name in state},
             "seed": state["seed"],
             "versions": versions,
