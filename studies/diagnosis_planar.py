@@ -28,6 +28,7 @@ from numpy.typing import NDArray
 
 from planar.simulator import PlanarSimulator
 from planted import Rehearsal, shaken_campaign
+from vsr2.analysis.intervals import calibration_error
 from vsr2.diagnosis.posterior.training import Found, Posterior, label_probability, label_set
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.campaigns import Acting, simulate_campaigns
@@ -205,14 +206,9 @@ def _log_loss(rows: list[Row]) -> float:
 
 
 def _calibration(rows: list[Row]) -> float:
-    """Expected calibration error of the most probable class over ten bins."""
-    p = np.array([row["p_top"] for row in rows])
-    hit = np.array([row["answer"] for row in rows])
-    bins = np.minimum((p * 10).astype(int), 9)
-    parts = [
-        (bins == b).mean() * abs(p[bins == b].mean() - hit[bins == b].mean()) for b in set(bins)
-    ]
-    return float(sum(parts))
+    """Expected calibration error of the most probable class."""
+    stated = np.array([[row["p_top"], row["answer"]] for row in rows])
+    return float(calibration_error(stated[None])[0])
 
 
 def write(path: Path, rows: list[Row]) -> None:

@@ -42,6 +42,8 @@ suppress_warnings = ["ref.python"]
 
 html_theme = "furo"
 html_title = f"VSR2 {release}"
+html_static_path = ["static"]
+html_css_files = ["site.css"]
 html_show_sourcelink = False
 html_copy_source = False
 

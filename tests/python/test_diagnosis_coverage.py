@@ -14,11 +14,12 @@ from vsr2.diagnosis import Budget, ProtocolCache, check_posterior, diagnose_with
 from vsr2.diagnosis.coverage.coverage_scores import LEVELS, coverage_scores
 from vsr2.diagnosis.coverage.judged import Judged, RankOf, true_label, true_labels
 from vsr2.diagnosis.coverage.planted_campaigns import FIRST, draw_planted
+from vsr2.diagnosis.iteration import WORK_FILES
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.posterior.parameters import Parameters
 from vsr2.diagnosis.posterior.sets import Sets
 from vsr2.diagnosis.posterior.training import TRAINING, label_probability
-from vsr2.diagnosis.posterior_check import check_with
+from vsr2.diagnosis.posterior_check import CHECK_FIGURE, CHECK_FILES, check_with
 from vsr2.diagnosis.simulated.campaigns import draw_set
 from vsr2.diagnosis.simulated.look import Limit
 from vsr2.errors import DiagnosisError
@@ -183,6 +184,8 @@ def test_files_and_figure_hold_the_same_numbers(finished, tmp_path) -> None:
     rows = (tmp_path / "posterior_check.csv").read_text().splitlines()
     assert len(rows) == 1 + len(content["ranks"])
     assert len((tmp_path / "posterior_check_campaigns.csv").read_text().splitlines()) == 31
+    assert {one.name for one in tmp_path.iterdir()} | {CHECK_FIGURE} == set(CHECK_FILES)
+    assert set(CHECK_FILES) < set(WORK_FILES)  # so that --overwrite removes them
     figure = check_figure(found)
     assert len(figure.axes) == 3
     assert "30 planted" in repr(found)

@@ -17,6 +17,7 @@ from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import BUDGET, Execution, diagnose, made_folder
 from vsr2.diagnosis.budget import SCHEDULE, Budget
 from vsr2.diagnosis.corrected import CORRECTED_FILE, DRAWS_FOLDER, corrected_study
+from vsr2.diagnosis.posterior_check import CHECK_FILES
 from vsr2.diagnosis.protocol_cache import POSTERIORS, SIMULATIONS
 from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
@@ -31,7 +32,7 @@ ITERATION_SCHEMA: IterationSchema = get_args(IterationSchema)[0]
 ITERATION_FILE = "iteration.json"
 _OF_ONE = (
     FILE, PAGE_FILE, *TABLES, CORRECTED_FILE, f"{DRAWS_FOLDER}/draw_*.yaml", SIMULATIONS,
-    POSTERIORS,
+    POSTERIORS, *CHECK_FILES,
 )  # fmt: skip
 WORK_FILES = (ITERATION_FILE, *_OF_ONE, *(f"round_*/{name}" for name in _OF_ONE))
 """Patterns of the files of a diagnosis' folder, of one or of several."""

@@ -49,6 +49,11 @@ from vsr2.results.atomic import csv_text, write_text
 
 SCHEMA = "vsr2.posterior_check/1"
 CHECK_FILE = "posterior_check.json"
+CHECK_FIGURE = "posterior_check.png"
+CHECK_TABLES = (
+    "posterior_check.csv", "posterior_check_campaigns.csv", "posterior_check_ranks.csv",
+)  # fmt: skip
+CHECK_FILES = (CHECK_FILE, CHECK_FIGURE, *CHECK_TABLES)
 CHUNK = 25
 """Planted campaigns that are simulated between two reports."""
 
@@ -127,12 +132,10 @@ class PosteriorCheck(OneLine):
             }
             for one in self.judged for r in one.ranks
         ]  # fmt: skip
+        rows = [_row(one) for one in (*together, *scores.parameters)]
         return {
-            "posterior_check.csv": csv_text(
-                [_row(one) for one in (*together, *scores.parameters)], ".6g"
-            ),
-            "posterior_check_campaigns.csv": csv_text(campaigns, ".6g"),
-            "posterior_check_ranks.csv": csv_text(ranks, ".6g"),
+            name: csv_text(table, ".6g")
+            for name, table in zip(CHECK_TABLES, (rows, campaigns, ranks), strict=True)
         }
 
     def save(self, folder: str | PathLike[str]) -> Path:

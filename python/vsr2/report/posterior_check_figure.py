@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsr2.diagnosis.coverage.coverage_scores import LEVELS, CoverageScores
+from vsr2.diagnosis.posterior_check import CHECK_FIGURE
 from vsr2.report.diagnosis_figures import BLUE, GREY, INK, RED
 from vsr2.report.panels import legend_below, save_figure, sheet
 
@@ -18,8 +19,6 @@ if TYPE_CHECKING:
     from vsr2.analysis.intervals import Score
     from vsr2.diagnosis import PosteriorCheck
 
-STEM = "posterior_check"
-
 
 def write_check_figure(found: PosteriorCheck, folder: str | Path) -> Path:
     """Write the figure as PNG; returns its path.
@@ -27,7 +26,9 @@ def write_check_figure(found: PosteriorCheck, folder: str | Path) -> Path:
     Raises:
         ResultError: it cannot be written.
     """
-    return save_figure(check_figure(found), Path(folder) / STEM, ("png",), dpi=150)[0]
+    return save_figure(
+        check_figure(found), Path(folder) / Path(CHECK_FIGURE).stem, ("png",), dpi=150
+    )[0]
 
 
 def check_figure(found: PosteriorCheck) -> Figure:

@@ -25,7 +25,7 @@ PAGE_FILE = "index.html"
 TABLES = EFFECTS, WHERE, TRIALS = "effects.csv", "where.csv", "trials.csv"
 
 
-@dataclass(frozen=True, eq=False)
+@dataclass(frozen=True, eq=False, repr=False)
 class Diagnosis(OneLine):
     """A finished diagnosis.
 

@@ -1,0 +1,30 @@
+"""Values that show themselves as one line."""
+
+from __future__ import annotations
+
+import importlib
+import pkgutil
+
+import vsr2
+from vsr2.diagnosis import Diagnosis
+from vsr2.one_line import OneLine
+
+
+def below(kind: type) -> set[type]:
+    """Classes that are made from one, at any depth."""
+    return {one for direct in kind.__subclasses__() for one in (direct, *below(direct))}
+
+
+def test_no_dataclass_writes_a_repr_of_its_own() -> None:
+    for room in ("campaign", "scene", "results", "diagnosis", "fragility", "simulation", "trial"):
+        found = importlib.import_module(f"vsr2.{room}")
+        for module in pkgutil.walk_packages(found.__path__, f"{found.__name__}."):
+            importlib.import_module(module.name)
+    kinds = below(OneLine)
+    assert {Diagnosis, vsr2.BatchResult, vsr2.Trial} <= kinds
+    assert [one for one in kinds if one.__repr__ is not OneLine.__repr__] == []
+
+
+def test_a_diagnosis_is_one_line() -> None:
+    content = {"verdict": {"kind": "effect", "effects": ["catch"]}, "where": ["x"] * 1000}
+    assert repr(Diagnosis(content)) == "<Diagnosis: effect, catch named>"
