@@ -5,7 +5,7 @@ from __future__ import annotations
 import warnings
 import zlib
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from operator import itemgetter
 
 import numpy as np
@@ -241,10 +241,7 @@ class _UnderMotion:
         """
 
         def joined() -> Trial:
-            return replace(
-                trial, motion=moved.motion, drive=moved.drive, scene=rest.scene, start=rest.start,
-                outcome=rest.outcome, settling=rest.settling, effects=(*trial.effects, *acting),
-            )  # fmt: skip
+            return trial.with_parts(rest, moved, (*trial.effects, *acting))
 
         for hook in hooks:
             values = hook.values.get(index)
