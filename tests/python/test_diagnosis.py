@@ -431,7 +431,7 @@ def test_rest_features_are_those_of_the_batch(shaken, tmp_path) -> None:
     some = [14, 22, 37]
     given = [Request(i, (), 0, 0) for i in some]
     found = simulator.run(given)
-    built = simulator._built((), 0, 0, set(some))
+    built = dict(simulator._built((), 0, 0, set(some)))
     batch = run_batch([built[i] for i in some])
     assert found.features is not None
     np.testing.assert_allclose(found.features[:, -1], batch["final_slip"], atol=1e-8)

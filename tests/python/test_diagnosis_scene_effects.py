@@ -51,7 +51,8 @@ def simulator(shaken: Campaign, own: Own = {}, **hypotheses: object) -> SceneSim
 def built(
     of: SceneSimulator, effects: Effects = (), nuisance: int = 0, replicate: int = 0
 ) -> list[Trial]:
-    return list(of._built(effects, nuisance, replicate, set(range(20))).values())
+    made = dict(of._built(effects, nuisance, replicate, set(range(20))))
+    return [made[i] for i in range(20)]
 
 
 def yaws(trials: list[Trial], name: str = "placement", at: int = 0) -> list[float]:

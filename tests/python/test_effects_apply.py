@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import weakref
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
@@ -21,6 +22,7 @@ from vsr2.effects import (
     EffectRangeWarning,
     Parameter,
     chosen,
+    each_with_effects,
     effect,
     in_order,
     registry,
@@ -95,7 +97,21 @@ def test_a_trial_among_others_is_what_it_is_alone(trials: list[Trial]) -> None:
         given = [(one, one.extreme()) for one in in_order({name: effect(name) for name in names})]
         together = with_effects(many, given, sessions="aaabbb", seed=3)
         for i in range(len(many)):
-            assert with_effects(many, given, sessions="aaabbb", seed=3, only={i})[i] == together[i]
+            alone = dict(each_with_effects(many, given, sessions="aaabbb", seed=3, only={i}))
+            assert alone == {i: together[i]}
+
+
+def test_a_trials_motion_goes_with_the_trial(trials: list[Trial]) -> None:
+    # The first two share a motion, and what an effect makes of it.
+    shared = [trials[0], replace(trials[0], name="again"), *trials[1:]]
+    given = [(effect("table_resonance"), effect("table_resonance").extreme())]
+    alive: list[weakref.ref[Motion]] = []
+    for i, trial in each_with_effects(shared, given):
+        assert not any(one() for one in alive if one() is not trial.motion)
+        alive.append(weakref.ref(trial.motion))
+        assert trial.motion != shared[i].motion
+        del trial
+    assert len({id(one) for one in alive}) == len(shared) - 1
 
 
 def test_order_of_application_is_that_of_the_list() -> None:

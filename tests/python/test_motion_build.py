@@ -1,6 +1,8 @@
 """From the study's motion section to motions: the four modes, names, order, refusals."""
 
+import pickle
 import warnings
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -14,6 +16,7 @@ from vsr2.motion import (
     Record,
     build_motions,
     build_recorded_motion,
+    cosine_motion,
 )
 
 STEP = 0.001
@@ -286,3 +289,20 @@ def test_an_offset_of_the_displacement_has_no_effect(chosen):
         rtol=0,
         atol=1e-11,
     )
+
+
+@pytest.mark.parametrize("factor", [1.0, -0.7])
+def test_an_acceleration_that_is_not_kept_is_made_again(factor):
+    record = Record("r", 1 / RATE, displacement=0.01 * np.sin(np.arange(4000) * 0.02) ** 4)
+    motion = build_recorded_motion(record, 0.001, filter=Filter())
+    short = motion.without_acceleration()
+    assert "acceleration" not in vars(short)
+    assert short.without_acceleration() is short
+    assert short == motion
+    both = [one.scaled(factor) for one in (motion, short)] if factor != 1 else [motion, short]
+    for one in (both[1], pickle.loads(pickle.dumps(both[1])), replace(both[1], name=both[1].name)):
+        np.testing.assert_array_equal(one.acceleration, both[0].acceleration)
+        assert one.peak_acceleration == both[0].peak_acceleration
+        assert one.source == both[0].source
+    cosine = cosine_motion(0.01, 2.0, 0.001)
+    assert cosine.without_acceleration() is cosine

@@ -2,13 +2,15 @@
 
 import hashlib
 import io
+import pickle
 import zipfile
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
 from vsr2.errors import MotionError
-from vsr2.motion import STANDARD_GRAVITY, Record, read_record
+from vsr2.motion import STANDARD_GRAVITY, Record, build_recorded_motion, on_file, read_record
 from vsr2.motion.recording import MAX_FILE_BYTES, METRES_PER_VOLT
 
 N = 40
@@ -310,3 +312,51 @@ def test_what_is_no_recording_is_refused(tmp_path, name):
 def test_unusable_records_are_refused(changes, message):
     with pytest.raises(MotionError, match=message):
         Record(**({"name": "r", "sample_interval": 0.005} | changes))
+
+
+def test_a_record_on_file_is_the_record(tmp_path):
+    path = tmp_path / "rec.npz"
+    np.savez(path, sample_interval_s=0.00125, displacement_m=X, acceleration_m_s2=A)
+    record = read_record(path)
+    kept = on_file(record)
+    assert kept is not record
+    assert not [one for one in vars(kept).values() if isinstance(one, np.ndarray)]
+    for one in (kept, pickle.loads(pickle.dumps(kept))):
+        assert list(one.channels) == ["displacement", "acceleration"]
+        assert one.velocity is None
+        for name, channel in record.channels.items():
+            np.testing.assert_array_equal(getattr(one, name), channel)
+        assert [one.lacking(name) for name in ("fused", "velocity")] == [None, "velocity"]
+        assert (one.label, one.size, one.duration) == (record.label, record.size, record.duration)
+    motions = [build_recorded_motion(one, 0.001, channel="acceleration") for one in (record, kept)]
+    assert motions[0] == motions[1]
+
+
+def test_a_record_on_file_whose_file_changes_is_refused(tmp_path):
+    path, other = tmp_path / "rec.npz", tmp_path / "other.npz"
+    np.savez(path, sample_interval_s=0.00125, displacement_m=X)
+    np.savez(other, sample_interval_s=0.00125, displacement_m=X)
+    kept, content = on_file(read_record(path)), path.read_bytes()
+    np.savez(path, sample_interval_s=0.00125, displacement_m=2 * X)
+    with pytest.raises(MotionError, match=r"rec\.npz: was changed after it was read; put it back"):
+        _ = kept.displacement
+    path.write_bytes(content)
+    np.testing.assert_array_equal(kept.displacement, X)
+    _ = on_file(read_record(other)).displacement  # One file's samples are remembered.
+    path.unlink()
+    with pytest.raises(MotionError, match=r"rec\.npz"):
+        _ = kept.displacement
+
+
+def test_a_record_that_is_not_its_file_stays_in_memory(tmp_path):
+    path = tmp_path / "rec.npz"
+    np.savez(path, sample_interval_s=0.00125, displacement_m=X)
+    record = read_record(path)
+    for other in (
+        Record("drawn", 0.00125, displacement=X),
+        replace(record, displacement=2 * X),
+        replace(record, sample_interval=0.001),
+        replace(record, velocity=X),
+        replace(record, source=str(tmp_path / "none.npz")),
+    ):
+        assert on_file(other) is other

@@ -10,6 +10,7 @@ import sys
 import textwrap
 import threading
 import weakref
+from collections.abc import Iterator
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -199,11 +200,12 @@ def test_a_slow_taker_bounds_what_the_core_holds(monkeypatch: pytest.MonkeyPatch
     asked: list[int] = []
     taken: list[int] = []
 
-    class Watched(list[Trial]):
-        def __getitem__(self, i):  # type: ignore[no-untyped-def]
+    def watched(batch: list[Trial]) -> Iterator[Trial]:
+        # The next one is made while the core is full.
+        for i, trial in enumerate(batch):
             asked.append(i)
             assert i <= len(taken) + 5
-            return super().__getitem__(i)
+            yield trial
 
     trials = study_trials(block_study(mode="fast"))
     batch = [trials[i % 6] for i in range(24)]
@@ -218,11 +220,12 @@ def test_a_slow_taker_bounds_what_the_core_holds(monkeypatch: pytest.MonkeyPatch
         taken.clear()
         rows: dict[int, dict[str, object]] = {}
 
-        def take(i: int, row: dict[str, object], log: object) -> None:
+        def take(i: int, trial: Trial, row: dict[str, object], log: object) -> None:
+            assert trial is batch[i]
             taken.append(i)
             rows[i] = row  # noqa: B023
 
-        run_native(Watched(batch), 2, take=take, stopped=lambda: False)
+        run_native(watched(batch), 2, take=take, stopped=lambda: False)
         assert sorted(taken) == list(range(24))
         assert all(rows[i]["peak_tilt"] == reference["peak_tilt"][i % 6] for i in range(24))
 

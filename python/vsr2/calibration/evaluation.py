@@ -261,7 +261,7 @@ class Evaluator:
         first = own.drawn(fixed, [study.seed, 0, 0], [0])[0]
         nominal = own.drawn(fixed, [study.seed, replicate, 1], every)
         placed = self._draws.with_own(nominal, replicate, 1, every)
-        made = self._draws.applied(placed, first, replicate, 1, every)
+        made = dict(self._draws.applied(placed, first, replicate, 1, every))
         return [made[i] for i in every]
 
     def _driven(self, study: Study) -> dict[str, Motion]:

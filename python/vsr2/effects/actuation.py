@@ -400,11 +400,13 @@ class TableBandwidth(Effect):
         motion, corner = trial.motion, values["corner"]
         step = motion.time_step
         late = round(values["delay"] / step)
-        signals = (motion.displacement, motion.velocity, motion.acceleration)
-        path = Kinematics(*(_late(signal, late) for signal in signals))
         if math.isfinite(corner):
-            path = held(path, ringing_samples(corner, ACTUATION.low_pass_damping, step))
-            path = low_passed(path, corner, ACTUATION.low_pass_damping, step)
+            rings = ringing_samples(corner, ACTUATION.low_pass_damping, step)
+            x = np.pad(_late(motion.displacement, late), (0, rings), mode="edge")
+            path = low_passed(x, corner, ACTUATION.low_pass_damping, step)
+        else:
+            signals = (motion.displacement, motion.velocity, motion.acceleration)
+            path = Kinematics(*(_late(signal, late) for signal in signals))
         note = f"low-pass {corner:g} Hz, {late} samples late"
         return _driven(trial, path, note, lambda side: _late_side(side, late))
 
@@ -481,6 +483,7 @@ class TableResonance(Effect):
         motion, frequency = trial.motion, values["frequency"]
         ratio = 0.5 / math.sqrt(values["amplification"] ** 2 - 1)
         step = motion.time_step
-        path = held(motion, ringing_samples(frequency, ratio, step))
-        path = base_excited(path, frequency, ratio, step)
+        rings = 0, ringing_samples(frequency, ratio, step)
+        x, rate = np.pad(motion.displacement, rings, mode="edge"), np.pad(motion.velocity, rings)
+        path = base_excited(x, rate, frequency, ratio, step)
         return _driven(trial, path, f"mode at {frequency:g} Hz, damping {ratio:.4g}")

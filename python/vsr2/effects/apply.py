@@ -4,8 +4,9 @@ from __future__ import annotations
 
 import warnings
 import zlib
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from operator import itemgetter
 
 import numpy as np
 
@@ -74,12 +75,36 @@ def with_effects(
     relative_order: Sequence[float] | None = None,
     sessions: Sequence[str] | None = None,
     seed: int = 0,
-    only: Collection[int] | None = None,
 ) -> list[Trial]:
-    """As :func:`apply_effects`, with effects at hand, in order, and complete values, unchecked.
+    """As :func:`apply_effects`, with effects at hand, in order, and complete values, unchecked."""
+    made = each_with_effects(
+        trials, effects, relative_order=relative_order, sessions=sessions, seed=seed
+    )
+    return [trial for _, trial in sorted(made, key=itemgetter(0))]
 
-    With `only`, other trials keep their part in order, sessions and draws, and come back as they
-    are.
+
+def each_with_effects(
+    trials: Sequence[Trial],
+    effects: Sequence[tuple[Effect, Mapping[str, float]]],
+    *,
+    relative_order: Sequence[float] | None = None,
+    sessions: Sequence[str] | None = None,
+    seed: int = 0,
+    only: Collection[int] | None = None,
+) -> Iterator[tuple[int, Trial]]:
+    """As :func:`with_effects`, index and trial one after another, those of one motion together.
+
+    What several trials share is made first. What a single one has, above all its motion, is made
+    when its turn comes and is not kept, so that memory does not grow with the trials.
+
+    Args:
+        trials: of a campaign.
+        effects: with complete values, in order.
+        relative_order: as of :func:`apply_effects`.
+        sessions: likewise.
+        seed: likewise.
+        only: indices of those that are made; the others have their part in order, sessions and
+            draws. None: all.
     """
     count = len(trials)
     for label, given in (("relative_order", relative_order), ("sessions", sessions)):
@@ -94,7 +119,7 @@ def with_effects(
     held = ["1"] * count if sessions is None else [str(session) for session in sessions]
     in_time = sorted(range(count), key=lambda i: order[i])
     order_of_sessions = tuple(dict.fromkeys(held[i] for i in in_time))
-    wanted = range(count) if only is None else only
+    wanted = range(count) if only is None else sorted(only)
 
     def applied(one: Effect, values: Mapping[str, float]) -> dict[int, Applied]:
         """The effect where it acts, by the trial's index; equal ones are one object."""
@@ -114,7 +139,7 @@ def with_effects(
     for one, where in acting:
         if one.once:
             _assert_once(one, [trials[i] for i in where])
-    return _changed(trials, acting)
+    yield from _changed(trials, acting, wanted)
 
 
 def _assert_once(one: Effect, trials: Sequence[Trial]) -> None:
@@ -149,39 +174,87 @@ class _Alike:
         )
 
 
+_MOTION = ("motion", "drive")
+_ALL_ELSE = ("scene", "start", "outcome", "settling")
+
+
 def _changed(
-    trials: Sequence[Trial], effects: Sequence[tuple[Effect, Mapping[int, Applied]]]
-) -> list[Trial]:
-    """The trials with effects in them; what equal trials share is made once.
+    trials: Sequence[Trial],
+    effects: Sequence[tuple[Effect, Mapping[int, Applied]]],
+    wanted: Sequence[int],
+) -> Iterator[tuple[int, Trial]]:
+    """The wanted trials with effects in them; what equal trials share is made once.
 
-    What has a trial's motion, and what has all else, are trials that stand for many.
+    What has a trial's motion, and what has all else, are trials that stand for many. What is made
+    of a motion goes with the last trial that has the motion.
     """
-    moving, standing = _Alike("motion", "drive"), _Alike("scene", "start", "outcome", "settling")
-    moved, rest = [moving.of(one) for one in trials], [standing.of(one) for one in trials]
-    acting: list[list[Applied]] = [[] for _ in trials]
-
-    def joined(i: int) -> Trial:
-        one, other = rest[i], moved[i]
-        return replace(
-            trials[i], motion=other.motion, drive=other.drive, scene=one.scene, start=one.start,
-            outcome=one.outcome, settling=one.settling, effects=(*trials[i].effects, *acting[i]),
-        )  # fmt: skip
-
+    standing, moving = _Alike(*_ALL_ELSE), _Alike(*_MOTION)
+    rest = {i: standing.of(trials[i]) for i in wanted}
+    moved = {i: moving.of(trials[i]) for i in wanted}
+    acting: dict[int, list[Applied]] = {i: [] for i in wanted}
     for _, where in effects:
         for i, applied in where.items():
             acting[i].append(applied)
-    for hook in _hooks(effects):
-        sees_motion = hook.effect.stage not in _BEFORE_MOTION
-        made: dict[tuple[int, ...], tuple[Trial, Trial]] = {}
-        for i, values in hook.values.items():
-            key = id(values), id(rest[i]), id(moved[i]) if sees_motion else 0
-            if key not in made:
-                found = _made(joined(i) if sees_motion else rest[i], hook, values)
-                made[key] = standing.of(found), moving.of(found)
-            rest[i] = made[key][0]
-            if sees_motion:
-                moved[i] = made[key][1]
-    return [joined(i) if acting[i] else trial for i, trial in enumerate(trials)]
+    hooks = _hooks(effects)
+    for hook in hooks:
+        if hook.effect.stage in _BEFORE_MOTION:
+            made: dict[tuple[int, int], Trial] = {}
+            for i, values in hook.values.items():
+                key = id(values), id(rest[i])
+                if key not in made:
+                    made[key] = standing.of(_made(rest[i], hook, values))
+                rest[i] = made[key]
+    seeing = [hook for hook in hooks if hook.effect.stage not in _BEFORE_MOTION]
+    together: dict[int, list[int]] = {}
+    for i in wanted:
+        together.setdefault(id(moved[i]), []).append(i)
+    for members in together.values():
+        under = _UnderMotion()
+        for i in members:
+            one, other = trials[i], (rest[i], moved[i])
+            yield i, under.changed(one, *other, i, seeing, acting[i]) if acting[i] else one
+
+
+class _UnderMotion:
+    """Trials that had one motion before the effects that see it; equal ones are made once."""
+
+    def __init__(self) -> None:
+        self._standing, self._moving = _Alike(*_ALL_ELSE), _Alike(*_MOTION)
+        self._made: dict[tuple[int, ...], tuple[Trial, Trial]] = {}
+
+    def changed(
+        self,
+        trial: Trial,
+        rest: Trial,
+        moved: Trial,
+        index: int,
+        hooks: Sequence[_Hook],
+        acting: Sequence[Applied],
+    ) -> Trial:
+        """A trial with effects in it.
+
+        Args:
+            trial: without.
+            rest: has its scene, start and rules, with the effects that see no motion.
+            moved: has its motion.
+            index: of the trial.
+            hooks: that see the motion, in order.
+            acting: all effects in the trial.
+        """
+
+        def joined() -> Trial:
+            return trial.with_parts(rest, moved, (*trial.effects, *acting))
+
+        for hook in hooks:
+            values = hook.values.get(index)
+            if values is None:
+                continue
+            key = id(values), id(rest), id(moved)
+            if key not in self._made:
+                found = _made(joined(), hook, values)
+                self._made[key] = self._standing.of(found), self._moving.of(found)
+            rest, moved = self._made[key]
+        return joined()
 
 
 @dataclass(frozen=True)

@@ -118,19 +118,29 @@ def _recursions(
     return tuple(numerators), (1.0, float(-trace), float(det))
 
 
-def low_passed(path: Path, frequency: float, ratio: float, step: float) -> Kinematics:
-    """The path behind y'' + 2 zeta w y' + w^2 y = w^2 x."""
+def low_passed(displacement: Array, frequency: float, ratio: float, step: float) -> Kinematics:
+    """The path behind y'' + 2 zeta w y' + w^2 y = w^2 x, x of shape (n,) [m]."""
     omega = 2 * math.pi * frequency
-    y, rate = respond(0.0, omega**2, frequency, ratio, path.displacement, step)
-    acceleration = omega**2 * (path.displacement - y) - 2 * ratio * omega * rate
+    y, rate = respond(0.0, omega**2, frequency, ratio, displacement, step)
+    acceleration = omega**2 * (displacement - y) - 2 * ratio * omega * rate
     return Kinematics(y, rate, acceleration)
 
 
-def base_excited(path: Path, frequency: float, ratio: float, step: float) -> Kinematics:
-    """The path behind y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0."""
+def base_excited(
+    displacement: Array, velocity: Array, frequency: float, ratio: float, step: float
+) -> Kinematics:
+    """The path behind y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0.
+
+    Args:
+        displacement: x, shape (n,) [m].
+        velocity: x', shape (n,) [m/s].
+        frequency: w / (2 pi) [Hz].
+        ratio: zeta.
+        step: sampling interval [s].
+    """
     omega = 2 * math.pi * frequency
-    y, rate = respond(2 * ratio * omega, omega**2, frequency, ratio, path.displacement, step)
-    acceleration = omega**2 * (path.displacement - y) + 2 * ratio * omega * (path.velocity - rate)
+    y, rate = respond(2 * ratio * omega, omega**2, frequency, ratio, displacement, step)
+    acceleration = omega**2 * (displacement - y) + 2 * ratio * omega * (velocity - rate)
     return Kinematics(y, rate, acceleration)
 
 

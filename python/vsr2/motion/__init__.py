@@ -24,6 +24,7 @@ from vsr2.motion.measures import (
 from vsr2.motion.motion import SIDES, Motion, SideMotion
 from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
 from vsr2.motion.record import Record
+from vsr2.motion.record_on_file import on_file
 from vsr2.motion.recording import RecordFormat, read_record, write_record
 from vsr2.motion.resample import Resampled, resample
 from vsr2.motion.signal_motion import from_signal
@@ -72,6 +73,7 @@ __all__ = [
     "input_uncertainty",
     "intensity_measures",
     "kinematics",
+    "on_file",
     "pga_g",
     "pgv",
     "read_record",

@@ -126,11 +126,14 @@ class Motion(OneLine, ReadOnlyArrays):
     if not TYPE_CHECKING:  # For which channels are fields and nothing else.
 
         def __getattr__(self, name: str) -> Array:
-            """A channel of a scaled motion."""
+            """A channel of a scaled motion, or an acceleration that is not kept."""
             gone = vars(Motion).get(name)
             if isinstance(gone, Renamed):  # Whose error led here.
                 gone.__get__(self, Motion)
-            if name not in CHANNELS or "_scaling" not in vars(self):
+            scaled = "_scaling" in vars(self)
+            if name == "acceleration" and not scaled and vars(self).get("recorded") is not None:
+                return self.recorded.motion(self.time_step).acceleration
+            if name not in CHANNELS or not scaled:
                 raise AttributeError(f"{type(self).__name__!r} object has no attribute {name!r}")
             samples = self._samples(name)
             samples.setflags(write=False)
@@ -369,6 +372,18 @@ class Motion(OneLine, ReadOnlyArrays):
         if peak == 0:
             raise MotionError(f"motion {self.name!r}: is at rest, so no factor gives it a PGA")
         return self.scaled(pga_g * STANDARD_GRAVITY / peak, name=name)
+
+    def without_acceleration(self) -> Motion:
+        """The same motion in two thirds of the memory, itself where it is of no record.
+
+        The acceleration, which drives nothing, is made from the record whenever it is asked for.
+        """
+        if self.recorded is None or "acceleration" not in vars(self):
+            return self
+        made = object.__new__(type(self))
+        kept = {name: value for name, value in vars(self).items() if name != "acceleration"}
+        vars(made).update(kept, peak_acceleration=self.peak_acceleration)
+        return made
 
     def scaled(self, factor: float, *, name: str | None = None) -> Motion:
         """The same motion, every sample of every direction times `factor`; negative mirrors it.

@@ -224,15 +224,14 @@ def integrate_acceleration(
     velocity = make_interp_spline(samples, clean, k=3).antiderivative()
     # the constant that ends it at rest: v - v_end t / T, so x - v_end t^2 / (2 T)
     slope = float(velocity(samples[-1])) / samples[-1]
+    inside = samples[pad : clean.size - pad]
     displacement = (
-        velocity.antiderivative()(samples) - 0.5 * slope * samples**2
+        velocity.antiderivative()(inside) - 0.5 * slope * inside**2
     ) * sample_interval**2
-    inside = slice(pad, clean.size - pad)
-    recorded = displacement[inside]
     return Kinematics(
-        displacement=recorded - recorded[0],
-        velocity=(velocity(samples[inside]) - slope * samples[inside]) * sample_interval,
-        acceleration=clean[inside] - slope,
+        displacement=displacement - displacement[0],
+        velocity=(velocity(inside) - slope * inside) * sample_interval,
+        acceleration=clean[pad : clean.size - pad] - slope,
     )
 
 

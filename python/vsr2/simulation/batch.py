@@ -11,7 +11,7 @@ import sys
 import threading
 import time
 from collections import Counter
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import asdict, fields
 from numbers import Integral
 from os import PathLike
@@ -140,7 +140,7 @@ def run_batch(
 
 
 def run_trials(
-    trials: Sequence[Trial],
+    trials: Iterable[Trial],
     *,
     threads: int | None = None,
     client: distributed.Client | None = None,
@@ -149,7 +149,8 @@ def run_trials(
     """Run trials as :func:`run_batch` does, and collect nothing.
 
     Args:
-        trials: that passed :func:`check_trials`.
+        trials: that passed :func:`check_trials`. Threads ask for them as they go on, so that they
+            may be made then; for a cluster all are made first.
         threads: default: one per processor this process may use.
         client: of a cluster that runs the trials.
         take: called with index, row and log of each trial as it finishes.
@@ -159,14 +160,20 @@ def run_trials(
     """
     with _InterruptFlag() as interrupt:
 
-        def note(i: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
-            take(i, observed(trials[i], row), log)
+        def note(i: int, one: Trial, row: Mapping[str, Any], log: TrialLog | None) -> None:
+            take(i, observed(one, row), log)
 
         facts: dict[str, Any] = {"threads": _threads(threads, client)}
         if client is None:
             run_native(trials, facts["threads"], take=note, stopped=interrupt.is_raised)
         else:
-            facts = run_on_cluster(trials, client, take=note, stopped=interrupt.is_raised)
+            made = [*trials]
+            facts = run_on_cluster(
+                made,
+                client,
+                take=lambda i, row, log: note(i, made[i], row, log),
+                stopped=interrupt.is_raised,
+            )
         return facts | {"interrupted": interrupt.is_raised()}
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable
 from functools import lru_cache
 from typing import Any
 
@@ -22,7 +22,7 @@ POLL = 0.1
 """How often finished trials are collected and Ctrl-C is looked for [s]."""
 MAX_AHEAD = 1024
 """Most trials that the core holds, waiting, running or not yet taken."""
-MAX_AHEAD_BYTES = 2**27
+MAX_AHEAD_BYTES = 2**25
 """Most that their samples and logs can take, unless two trials a thread take more [byte]."""
 
 _KEPT_STARTS = 4096
@@ -60,50 +60,55 @@ def _specification(
 
 
 def run_native(
-    trials: Sequence[Trial],
+    trials: Iterable[Trial],
     threads: int,
     *,
-    take: Callable[[int, dict[str, Any], TrialLog | None], None],
+    take: Callable[[int, Trial, dict[str, Any], TrialLog | None], None],
     stopped: Callable[[], bool],
 ) -> None:
     """Run trials in native threads of this process.
 
     Trials are handed to the core a little ahead of those that are finished and taken, so that
-    neither what waits nor what `take` has not caught up with grows with the batch.
+    neither what waits nor what `take` has not caught up with grows with the batch. They are asked
+    for one by one and let go of as they are taken: where they are made then, their motions are in
+    memory no longer than their run.
 
     Args:
         trials: what to run; they passed :func:`check_trials`.
         threads: how many at a time.
-        take: called with index, row and log of each trial as it finishes.
+        take: called with index, trial, row and log of each as it finishes.
         stopped: asked every `POLL`; once true, trials that run end with status `cancelled` and no
             others begin.
     """
     # Equal starts settle once; those not used for a while go, so memory does not grow.
     settled_start = lru_cache(_KEPT_STARTS)(_settled_start)
     native = _native.Batch(threads)
-    sizes: dict[int, float] = {}
+    under_way: dict[int, tuple[Trial, float]] = {}
     ahead = 0.0
-    added = 0
+    waiting = iter(trials)
+    following = next(waiting, None)
     try:
         while not native.exhausted():
-            while added < len(trials):
+            while following is not None:
                 # A scaled motion's samples are made for its trial.
-                size = log_bytes(trials[added]) + 16 * trials[added].motion.size
-                full = len(sizes) >= MAX_AHEAD or ahead + size > MAX_AHEAD_BYTES
-                if full and len(sizes) >= 2 * threads:
+                size = log_bytes(following) + 16 * following.motion.size
+                full = len(under_way) >= MAX_AHEAD or ahead + size > MAX_AHEAD_BYTES
+                if full and len(under_way) >= 2 * threads:
                     break
-                sizes[native.add(_specification(trials[added], settled_start))] = size
+                index = native.add(_specification(following, settled_start))
+                under_way[index] = following, size
                 ahead += size
-                added += 1
+                following = next(waiting, None)
             else:
                 native.close()
             for i in native.wait(POLL):
                 result = native.take(i)
-                ahead -= sizes.pop(i)
-                take(i, _row(result), _log(trials[i], result))
+                trial, size = under_way.pop(i)
+                ahead -= size
+                take(i, trial, _row(result), _log(trial, result))
             if stopped():
                 native.cancel()
-                added = len(trials)
+                following = None
     finally:
         native.cancel()
         native.join()

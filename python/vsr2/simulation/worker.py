@@ -135,7 +135,7 @@ def run_chunk(
     trials = _Unpickler(content, parts).load()
     finished: list[tuple[int, dict[str, Any], TrialLog | None]] = []
 
-    def take(k: int, row: dict[str, Any], log: TrialLog | None) -> None:
+    def take(k: int, _: Trial, row: dict[str, Any], log: TrialLog | None) -> None:
         if row["status"] != Status.cancelled.name:
             finished.append((k, row, log))
 

@@ -186,6 +186,23 @@ class Trial(OneLine):
         """Whether the pedestal moves along y or z or pitches."""
         return self.motion.is_spatial or self.scene.pitches
 
+    def with_parts(self, rest: Trial, moved: Trial, effects: tuple[Applied, ...]) -> Trial:
+        """The trial with motion and drive of one, with scene, start and rules of another.
+
+        Nothing is checked again, as all of it is of trials.
+
+        Args:
+            rest: of which scene, start, settling and outcome are.
+            moved: of which motion and drive are.
+            effects: that are in it.
+        """
+        made = object.__new__(type(self))
+        vars(made).update(
+            vars(self), motion=moved.motion, drive=moved.drive, scene=rest.scene, start=rest.start,
+            outcome=rest.outcome, settling=rest.settling, effects=effects,
+        )  # fmt: skip
+        return made
+
     def with_scene(self, **changes: Any) -> Trial:
         """The trial with other fields of its scene, such as `rock` or `contact`."""
         return replace(self, scene=replace(self.scene, **changes))

@@ -2,14 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope, correlated
 from vsr2.diagnosis.simulated.simulator import nuisance_normal
-from vsr2.effects import Effect, in_order, with_effects
+from vsr2.effects import Effect, each_with_effects, in_order, with_effects
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
@@ -69,11 +69,12 @@ class NuisanceDraws:
         replicate: int,
         wanted: Collection[int],
         caused: Sequence[tuple[Effect, Mapping[str, float]]] = (),
-    ) -> dict[int, Trial]:
+    ) -> Iterator[tuple[int, Trial]]:
         """The wanted trials with what acts in all of them: nuisances, and given effects.
 
-        What an effect draws belongs to the trial's position in the campaign; trials that are not
-        wanted keep theirs without work.
+        They come one after another, with their indices, and are not kept. What an effect draws
+        belongs to the trial's position in the campaign; trials that are not wanted keep theirs
+        without work.
 
         Args:
             trials: of the campaign, by :meth:`with_own`.
@@ -88,11 +89,10 @@ class NuisanceDraws:
         given = self._acting(first, nuisance, replicate, caused)
         ranks = {e.name: i for i, e in enumerate(in_order({e.name: e for e, _ in given}))}
         given.sort(key=lambda pair: ranks[pair[0].name])
-        made = with_effects(
+        return each_with_effects(
             trials, given, relative_order=self._order, sessions=self._sessions, seed=seed,
             only=wanted,
         )  # fmt: skip
-        return {i: made[i] for i in wanted}
 
     def _acting(
         self,

@@ -9,7 +9,7 @@ import numpy as np
 from vsr2.config.study import Study
 from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.nuisances import Nuisance
-from vsr2.effects import Circumstances, Effect, chosen, with_effects
+from vsr2.effects import Circumstances, Effect, chosen, each_with_effects
 from vsr2.errors import DiagnosisError
 from vsr2.trial import Trial
 
@@ -68,11 +68,14 @@ class SceneEffects:
                     f"twice: {one.acting.once}; leave one of them out"
                 )
 
-    def fixed(self, trials: Sequence[Trial]) -> list[Trial]:
-        """All trials of the campaign with the effects that draw nothing."""
-        return with_effects(
-            trials, self._fixed, relative_order=self._order, sessions=self._sessions
-        )
+    def fixed(self, trials: Sequence[Trial], wanted: Collection[int] | None = None) -> list[Trial]:
+        """Trials of the campaign with the effects that draw nothing.
+
+        Args:
+            trials: of the whole campaign.
+            wanted: indices; other trials come back as they are. None: all.
+        """
+        return self._with(trials, self._fixed, 0, wanted)
 
     def drawn(
         self, trials: list[Trial], seed: Sequence[int], wanted: Collection[int]
@@ -87,10 +90,22 @@ class SceneEffects:
         if not self._drawn:
             return trials
         state = np.random.SeedSequence([*seed, _STREAM]).generate_state(1, np.uint64)
-        return with_effects(
-            trials, self._drawn, relative_order=self._order, sessions=self._sessions,
-            seed=int(state[0]), only=wanted,
-        )  # fmt: skip
+        return self._with(trials, self._drawn, int(state[0]), wanted)
+
+    def _with(
+        self,
+        trials: Sequence[Trial],
+        effects: Sequence[Given],
+        seed: int,
+        wanted: Collection[int] | None,
+    ) -> list[Trial]:
+        made = list(trials)
+        for i, trial in each_with_effects(
+            trials, effects, relative_order=self._order, sessions=self._sessions, seed=seed,
+            only=wanted,
+        ):  # fmt: skip
+            made[i] = trial
+        return made
 
 
 _STREAM = 71

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
@@ -118,7 +118,9 @@ class SceneSimulator:
         self.nuisance_names = self._draws.names
         self._own_effects = SceneEffects(study, self._order, self._sessions)
         self._own_effects.check(self.nuisances)
-        self._trials = self._own_effects.fixed(_base_trials(campaign, study, self._row))
+        every = range(len(campaign.trials))
+        made = _base_trials(campaign, study, self._row, every)
+        self._trials = self._own_effects.fixed([made[i] for i in every])
         moved = any(one.displacement is not None for one in campaign.motions.values())
         if moved and campaign.noise.displacement and not isinstance(study.motion, RECORDED):
             _logger.warning(
@@ -128,7 +130,6 @@ class SceneSimulator:
                 study.name,
                 Filter(),
             )
-        self._varied: dict[int, list[Trial]] = {}
         self._first = self._nominal(0, 0, {0})[0]
         self.excluded = tuple(sorted(hypotheses.exclude))
         self.unavailable: dict[str, Vsr2Error] = {}
@@ -184,27 +185,17 @@ class SceneSimulator:
         return self._draws.draw(index)
 
     def run(self, requests: Sequence[Request]) -> Responses:
-        """Simulate in native threads; the campaign's own order and sessions are kept."""
-        from vsr2.simulation import check_trials, run_trials
+        """Simulate in native threads; the campaign's own order and sessions are kept.
 
-        groups: dict[tuple[Effects, int, int], list[int]] = {}
-        for i, request in enumerate(requests):
-            key = (request.effects, request.nuisance, request.replicate)
-            groups.setdefault(key, []).append(i)
-        made: dict[int, Trial] = {}
-        for (effects, nuisance, replicate), members in groups.items():
-            wanted = {requests[i].trial for i in members}
-            try:
-                built = self._built(effects, nuisance, replicate, wanted)
-            except GeometryError as error:
-                # Together, effects may leave nothing of a rock: this draw has no outcome.
-                _logger.warning("%s of nuisances %d: %s", effects, nuisance, error)
-                continue
-            made |= {i: built[requests[i].trial] for i in members}
-        asked, trials = [*made], [*made.values()]
+        A trial is made when its turn comes, and its motion goes with it.
+        """
+        from vsr2.simulation import run_trials
+
         overturned, peak = np.full(len(requests), np.nan), np.full(len(requests), np.nan)
         count = len(TILT_FEATURES) + len(REST_FEATURES)
         features = np.full((len(requests), count), np.nan) if self._series else None
+        asked: list[int] = []
+        without: list[int] = []
 
         def take(position: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
             index = asked[position]
@@ -218,16 +209,46 @@ class SceneSimulator:
                     rng = np.random.default_rng([self._seed, *_numbers(requests[index])])
                     features[index] = _features(log, kept, tilt[kept], self._sampling, rng)
 
-        check_trials(trials)
+        trials = self._made(requests, asked, without)
         threads = None if self._client is not None else self._threads
         if run_trials(trials, threads=threads, client=self._client, take=take)["interrupted"]:
             raise KeyboardInterrupt
+        for known in (overturned, peak) if features is None else (overturned, peak, features):
+            known[without] = np.nan
         return Responses(overturned, peak, features)
 
+    def _made(
+        self, requests: Sequence[Request], asked: list[int], without: list[int]
+    ) -> Iterator[Trial]:
+        """The trials that are asked for, one after another.
+
+        Args:
+            requests: of any draws.
+            asked: gets the request of each trial.
+            without: gets the requests of draws that have no outcome.
+        """
+        from vsr2.simulation import check_trials
+
+        groups: dict[tuple[Effects, int, int], dict[int, list[int]]] = {}
+        for i, request in enumerate(requests):
+            key = (request.effects, request.nuisance, request.replicate)
+            groups.setdefault(key, {}).setdefault(request.trial, []).append(i)
+        for (effects, nuisance, replicate), members in groups.items():
+            try:
+                for index, trial in self._built(effects, nuisance, replicate, members):
+                    check_trials([trial])
+                    for i in members[index]:
+                        asked.append(i)
+                        yield trial
+            except GeometryError as error:
+                # Together, effects may leave nothing of a rock: this draw has no outcome.
+                _logger.warning("%s of nuisances %d: %s", effects, nuisance, error)
+                without += [i for same in members.values() for i in same]
+
     def _built(
-        self, effects: Effects, nuisance: int, replicate: int, wanted: set[int]
-    ) -> dict[int, Trial]:
-        """The wanted trials with nuisances and effects in them."""
+        self, effects: Effects, nuisance: int, replicate: int, wanted: Collection[int]
+    ) -> Iterator[tuple[int, Trial]]:
+        """The wanted trials with nuisances and effects in them, one after another."""
         caused = []
         for name, numbers in effects:
             effect = self.library[name]
@@ -236,7 +257,7 @@ class SceneSimulator:
         base = self._perturbed(nuisance, replicate, wanted)
         return self._draws.applied(base, self._first, nuisance, replicate, wanted, caused)
 
-    def _nominal(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
+    def _nominal(self, nuisance: int, replicate: int, wanted: Collection[int]) -> list[Trial]:
         """Trials of the scene with its effects, or of a numerical variant of it.
 
         Variants and shifted starts have the draws of replicate 0, so that they differ by nothing
@@ -244,14 +265,14 @@ class SceneSimulator:
         """
         trials = self._trials
         if replicate in self.variants:
-            if replicate not in self._varied:
-                study = _variant(self._study, replicate)
-                made = _base_trials(self._campaign, study, self._row)
-                self._varied[replicate] = self._own_effects.fixed(made)
-            trials = self._varied[replicate]
+            # Their motions are as large again, and few trials have a variant: none is kept.
+            study = _variant(self._study, replicate)
+            varied = _base_trials(self._campaign, study, self._row, wanted)
+            plain = [varied.get(i, trial) for i, trial in enumerate(trials)]
+            trials = self._own_effects.fixed(plain, wanted)
         return self._own_effects.drawn(trials, [self._seed, nuisance, max(replicate, 0)], wanted)
 
-    def _perturbed(self, nuisance: int, replicate: int, wanted: set[int]) -> list[Trial]:
+    def _perturbed(self, nuisance: int, replicate: int, wanted: Collection[int]) -> list[Trial]:
         """Nominal trials with values of their own (replicates above 0) or a tiny shift."""
         trials = self._nominal(nuisance, replicate, wanted)
         if replicate in self.variants:
@@ -297,8 +318,10 @@ def _variant(study: Study, replicate: int) -> Study:
     return study.model_copy(update={"engine": engine.model_copy(update=changes)})
 
 
-def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Trial]:
-    """Trials without effects; `row`: between rows of the series [s], None: no series."""
+def _base_trials(
+    campaign: Campaign, study: Study, row: float | None, wanted: Collection[int]
+) -> dict[int, Trial]:
+    """The wanted trials without effects; `row`: between rows of the series [s], None: no series."""
     from vsr2.scene import build_scene
     from vsr2.trial import Trial, rows_only
 
@@ -306,8 +329,9 @@ def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Tr
     every = 0 if row is None else max(1, round(row / study.engine.time_step))
     output = rows_only(study.output, every)
     motions: dict[str, Motion] = {}
-    trials = []
-    for trial in campaign.trials:
+    trials = {}
+    for i in sorted(wanted):
+        trial = campaign.trials[i]
         record = campaign.record(trial)
         if record is None or trial.motion_file is None:
             raise DiagnosisError(
@@ -315,19 +339,18 @@ def _base_trials(campaign: Campaign, study: Study, row: float | None) -> list[Tr
                 "have one with `with_motion`"
             )
         if trial.motion_file not in motions:
-            motions[trial.motion_file] = _driven(
+            motion = _driven(
                 record, study, trial.motion_file, noisy=bool(campaign.noise.displacement)
             )
-        trials.append(
-            Trial(
-                scene=scene,
-                motion=motions[trial.motion_file],
-                drive=study.motion.drive,
-                name=trial.trial,
-                settling=study.settling,
-                outcome=study.outcome,
-                output=output,
-            )
+            motions[trial.motion_file] = motion.without_acceleration()
+        trials[i] = Trial(
+            scene=scene,
+            motion=motions[trial.motion_file],
+            drive=study.motion.drive,
+            name=trial.trial,
+            settling=study.settling,
+            outcome=study.outcome,
+            output=output,
         )
     return trials
 

@@ -1,0 +1,84 @@
+"""Peak memory of a diagnosis while it simulates.
+
+    vsr2 campaign import-lab SOURCE out/lab
+    python benchmarks/diagnosis_memory.py out/lab studies/lab_diagnosis.yaml [--threads N]
+                                          [--trials N]
+
+Simulates whole campaigns, each under an effect that gives every trial a motion of its own, and 40
+trials at half the time step, through the simulation cache, as `vsr2.diagnose` does. Prints one line
+of JSON: resident memory before the first simulation and at its peak [MB], simulations, and the
+hash of the responses, which versions and numbers of threads share.
+"""
+
+from __future__ import annotations
+
+import argparse
+import hashlib
+import json
+import resource
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from vsr2.campaign import load_campaign
+from vsr2.config import load_study
+from vsr2.diagnosis import Hypotheses
+from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.library import free_parameters, primary_parameters, sides, values_at
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import HALF_STEP, Effects, Request
+from vsr2.effects import Effect
+from vsr2.motion import on_file
+
+EFFECTS = ("table_resonance", "table_bandwidth", "time_scale")
+"""Each gives every trial a motion of its own."""
+SHARE = 0.25
+"""Of an effect's range."""
+VARIED = 40
+"""Trials at half the time step: those of the noise floor."""
+
+
+def acting(effect: Effect) -> Effects:
+    """The effect at a share of its range."""
+    primary = len(primary_parameters(effect))
+    secondary = [0.5] * (len(free_parameters(effect)) - primary)
+    return ((effect.name, values_at(effect, sides(effect)[0], [SHARE] * primary, secondary)),)
+
+
+def resident() -> float:
+    """Peak so far [MB]."""
+    return resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * 1024 / 1e6
+
+
+def main() -> None:
+    """Measure and print."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("campaign", type=Path)
+    parser.add_argument("scene", type=Path)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--trials", type=int, help="of each campaign, fewer than all")
+    options = parser.parse_args()
+    campaign = load_campaign(options.campaign).with_motion()
+    kept = {name: on_file(record) for name, record in campaign.motions.items()}
+    campaign = replace(campaign, motions=kept)
+    hypotheses = Hypotheses(exclude=["base_slope"])
+    simulator = SceneSimulator(
+        campaign, load_study(options.scene), hypotheses=hypotheses, threads=options.threads
+    )
+    begin, count = resident(), len(campaign)
+    chosen = np.linspace(0, count - 1, min(count, options.trials or count)).astype(int).tolist()
+    requests = [
+        Request(i, acting(simulator.library[name]), 1000 + k, 1)
+        for k, name in enumerate(EFFECTS)
+        for i in chosen
+    ]
+    requests += [Request(i, (), 0, HALF_STEP) for i in chosen[:VARIED]]
+    found = SimulationCache(simulator).run(requests)
+    digest = hashlib.sha256(found.overturned.tobytes() + found.peak_tilt.tobytes()).hexdigest()
+    facts = {"before": round(begin), "peak": round(resident()), "simulations": len(requests)}
+    print(json.dumps({**facts, "responses": digest[:16]}))
+
+
+if __name__ == "__main__":
+    main()
