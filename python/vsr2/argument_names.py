@@ -13,7 +13,7 @@ from vsr2.errors import Renamed, Vsr2Error
 C = TypeVar("C", bound=Callable[..., Any])
 
 
-def checked_names(error: type[Vsr2Error]) -> Callable[[C], C]:
+def checked_names(error: type[Vsr2Error], passed_on: type | None = None) -> Callable[[C], C]:
     """Decorator of a class or function, whose error names the argument that is most likely meant.
 
     Python's own error for an unknown keyword names none. A :class:`vsr2.errors.Renamed` of the
@@ -21,11 +21,14 @@ def checked_names(error: type[Vsr2Error]) -> Callable[[C], C]:
 
     Args:
         error: raised where a keyword is no argument.
+        passed_on: typed dictionary of the further keywords that it takes.
     """
 
     def decorated(of: C) -> C:
         taken = of.__init__ if isinstance(of, type) else of
-        own = [*inspect.signature(taken).parameters][isinstance(of, type) :]
+        parameters = inspect.signature(taken).parameters.values()
+        own = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD][isinstance(of, type) :]
+        own += [] if passed_on is None else [*passed_on.__annotations__]
         known = frozenset(own)
 
         @functools.wraps(taken)

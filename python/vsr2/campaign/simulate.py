@@ -58,7 +58,7 @@ class RunOptions(TypedDict, total=False):
     client: distributed.Client | None
 
 
-@checked_names(CampaignError)
+@checked_names(CampaignError, RunOptions)
 def simulate_campaign(
     study: Study | Sequence[Trial],
     *,
