@@ -13,6 +13,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.argument_names import checked_names
 from vsr2.campaign.faults import extra_fault, id_fault, number_fault, text_fault
 from vsr2.codes import Tier
 from vsr2.config.problems import shown
@@ -77,6 +78,7 @@ class Specimen:
         _refuse("specimen", faults)
 
 
+@checked_names(CampaignError)
 @dataclass(frozen=True)
 class MeasurementNoise:
     """Standard errors of what was measured, one number a channel; None: not stated.
@@ -258,6 +260,7 @@ def trial_faults(values: Mapping[str, Any]) -> dict[str, str | None]:
     return faults
 
 
+@checked_names(CampaignError)
 @dataclass(frozen=True, eq=False)
 class CampaignTrial:
     """One shaking of one specimen, measured or simulated.
@@ -318,6 +321,7 @@ class CampaignTrial:
         return "B" if self.peak_tilt is None else "M"
 
 
+@checked_names(CampaignError)
 @dataclass(frozen=True, eq=False, repr=False)
 class Campaign(OneLine):
     """Trials, with the motions and specimens they name.

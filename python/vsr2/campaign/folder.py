@@ -20,6 +20,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vsr2.argument_names import checked_names
 from vsr2.campaign.array_files import SERIES, ArrayFiles
 from vsr2.campaign.campaign import Campaign, CampaignTrial, Series
 from vsr2.campaign.description import FILE, Description, read_description
@@ -34,6 +35,7 @@ from vsr2.scene.mesh import load_mesh
 _logger = logging.getLogger(__name__)
 
 
+@checked_names(CampaignError)
 def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
     """Read a campaign.
 

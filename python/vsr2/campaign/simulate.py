@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING, Any, TypedDict, Unpack
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.argument_names import checked_names
 from vsr2.campaign.campaign import (
     Campaign,
     CampaignTrial,
@@ -57,6 +58,7 @@ class RunOptions(TypedDict, total=False):
     client: distributed.Client | None
 
 
+@checked_names(CampaignError)
 def simulate_campaign(
     study: Study | Sequence[Trial],
     *,

@@ -10,6 +10,7 @@ from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
+from vsr2.argument_names import checked_names
 from vsr2.config.bounded import from_here, near_path
 from vsr2.config.problems import Problem, config_error, problems_of
 from vsr2.config.section import Section
@@ -22,6 +23,7 @@ S = TypeVar("S", bound=Section)
 _logger = logging.getLogger(__name__)
 
 
+@checked_names(ConfigError)
 def load_study(
     path: str | os.PathLike[str], *, overrides: Sequence[str] = (), check_files: bool = True
 ) -> Study:

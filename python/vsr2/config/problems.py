@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 from collections.abc import Callable, Iterable, Mapping, Sized
 from dataclasses import dataclass
 from typing import Any
@@ -10,6 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
+from vsr2.argument_names import nearest
 from vsr2.config.schema import Variants, all_sections, variants
 from vsr2.config.section import Section
 from vsr2.config.study import Study
@@ -191,21 +191,6 @@ def unknown_key(key: str, known: Iterable[str]) -> str:
     return "is no key here; " + (
         f"did you mean `{near}`?" if near else f"known are {', '.join(known)}"
     )
-
-
-def nearest(word: str, choices: Iterable[str]) -> str | None:
-    """The choice that `word` most likely means; camelCase (as in ROS 2 files) is understood."""
-    plain = {choice.replace("_", "").lower(): choice for choice in choices}
-    word = word[:100].replace("_", "").lower()
-    near = difflib.get_close_matches(word, plain, n=1, cutoff=0.75)
-    # A shorter word says less by its share of equal letters; its start and end say more.
-    near = near or [name for name in plain if len(word) > 2 and name.startswith(word)]
-    near = near or [
-        name
-        for name in difflib.get_close_matches(word, plain, n=3, cutoff=0.6)
-        if name[0] == word[0]
-    ]
-    return plain[near[0]] if near else None
 
 
 def _not_one_of(value: object, choices: list[str]) -> str:

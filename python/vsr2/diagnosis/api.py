@@ -7,6 +7,7 @@ from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.budget import Budget
@@ -24,6 +25,7 @@ if TYPE_CHECKING:
     import distributed
 
 
+@checked_names(DiagnosisError)
 @dataclass(frozen=True)
 class Execution:
     """How a diagnosis runs, none of which changes what it finds.
@@ -51,6 +53,7 @@ class Execution:
 BUDGET, EXECUTION = Budget(), Execution()
 
 
+@checked_names(DiagnosisError)
 def diagnose(
     campaign: Campaign | str | PathLike[str],
     scene: Study | str | PathLike[str],

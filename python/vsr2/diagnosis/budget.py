@@ -6,6 +6,7 @@ import math
 import time
 from dataclasses import dataclass
 
+from vsr2.argument_names import checked_names
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
 from vsr2.diagnosis.how_far.held_out import simulations as judging
 from vsr2.diagnosis.how_far.waterfall import simulations as waterfall_simulations
@@ -50,6 +51,7 @@ class ScheduleConstants:
 SCHEDULE = ScheduleConstants()
 
 
+@checked_names(DiagnosisError)
 @dataclass(frozen=True)
 class Budget:
     """What may be spent.

@@ -30,6 +30,7 @@ from vsr2.analysis.probability import (
     probability_intervals,
     reliability,
 )
+from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder
@@ -224,6 +225,7 @@ def _curve_row(one: ReliabilityBin) -> dict[str, Any]:
     }
 
 
+@checked_names(DiagnosisError)
 @one_blas_thread()
 def predict(
     campaign: Campaign | str | PathLike[str],

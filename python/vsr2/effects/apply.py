@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vsr2.argument_names import checked_names
 from vsr2.effects.effect import Circumstances, Effect
 from vsr2.effects.parameter import EffectWarning
 from vsr2.effects.registry import chosen, place
@@ -19,6 +20,7 @@ _BEFORE_MOTION = ("geometry", "order", "inertia", "contact", "mechanism")
 """Stages whose hooks see no motion, so that trials under any motion share what they make."""
 
 
+@checked_names(ConfigError)
 def apply_effects(
     trials: Sequence[Trial],
     effects: Mapping[str, Mapping[str, float | str]],

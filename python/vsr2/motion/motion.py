@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import Filter, RecordUnits
 from vsr2.config.section import DEFAULT_TIME_STEP
 from vsr2.errors import MotionError, Renamed
@@ -49,6 +50,7 @@ SIDES = ("transverse", "vertical", "pitch")
 CHANNELS = ("displacement", "velocity", "acceleration")
 
 
+@checked_names(MotionError)
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(OneLine, ReadOnlyArrays):
     """A pedestal motion along x, sampled at the simulation's time step.

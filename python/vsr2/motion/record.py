@@ -9,6 +9,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vsr2.argument_names import checked_names
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array, samples_of
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
@@ -25,6 +26,7 @@ MIN_INTERVAL, MAX_INTERVAL = 1.0e-6, 1.0
 """Bounds of the sampling interval [s]."""
 
 
+@checked_names(MotionError)
 @dataclass(frozen=True, eq=False)
 class Record(ReadOnlyArrays):
     """A recorded horizontal motion at its own sampling interval.

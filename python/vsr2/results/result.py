@@ -16,6 +16,7 @@ from vsr2 import _native
 from vsr2._native import EngineKind
 from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
+from vsr2.argument_names import checked_names
 from vsr2.errors import ResultError
 from vsr2.one_line import OneLine
 from vsr2.results.trial_log import CONTACT_COLUMNS, STATE_COLUMNS, Array, TrialLog
@@ -127,6 +128,7 @@ COLUMNS = {
 """What files of a batch hold; with other columns they are refused."""
 
 
+@checked_names(ResultError)
 @dataclass(frozen=True, eq=False, repr=False)
 class BatchResult(OneLine):
     """Outcomes, logs and provenance of a batch.

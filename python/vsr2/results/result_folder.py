@@ -27,6 +27,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.argument_names import checked_names
 from vsr2.config.bounded import near_path
 from vsr2.errors import ResultError
 from vsr2.results.arrays import read_arrays, write_arrays
@@ -196,6 +197,7 @@ def _result_files(path: Path) -> list[Path]:
     return files
 
 
+@checked_names(ResultError)
 def save_result(
     result: BatchResult,
     folder: str | os.PathLike[str],
@@ -363,6 +365,7 @@ def _provenance_text(result: BatchResult, logged: list[int]) -> str:
         ) from error
 
 
+@checked_names(ResultError)
 def load_result(folder: str | os.PathLike[str], *, logs: bool = True) -> BatchResult:
     """Read a result folder back, bit for bit.
 

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
+from vsr2.argument_names import checked_names
 from vsr2.errors import ResultError
 from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyArrays
@@ -42,6 +43,7 @@ CONTACT_NORMAL = _columns_between(CONTACT_COLUMNS, "normal_x", "normal_z")
 NORMAL_IMPULSE = CONTACT_COLUMNS.index("normal_impulse")
 
 
+@checked_names(ResultError)
 @dataclass(frozen=True, eq=False, repr=False)
 class TrialLog(OneLine, ReadOnlyArrays):
     """The logged response of one trial, measured or simulated.

@@ -10,6 +10,7 @@ from pathlib import Path
 
 import numpy as np
 
+from vsr2.argument_names import checked_names
 from vsr2.config.study import Contact, Engine, MeshPedestal, MeshRock, Study, UrdfRock
 from vsr2.errors import GeometryError
 from vsr2.one_line import OneLine
@@ -21,6 +22,7 @@ from vsr2.scene.notes import WARNINGS, SceneWarning
 from vsr2.scene.rotation import matrix_from_quaternion, multiply, quaternion_from_matrix
 
 
+@checked_names(GeometryError)
 @dataclass(frozen=True, eq=False, repr=False)
 class Scene(OneLine):
     """A rock on a pedestal with its engine settings.
@@ -124,6 +126,7 @@ class Scene(OneLine):
         return Pose((x, y, z), multiply(start.orientation, frame.orientation))
 
 
+@checked_names(GeometryError)
 def build_scene(study: Study, *, rock: Mesh = None, pedestal: Mesh = None) -> Scene:
     """The scene of a study: reads its meshes and places the rock.
 

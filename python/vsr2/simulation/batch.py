@@ -23,6 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
+from vsr2.argument_names import checked_names
 from vsr2.config import Study, load_study
 from vsr2.errors import SimulationError
 from vsr2.results import (
@@ -63,6 +64,7 @@ OBSERVED = tuple(field.name for field in fields(Observation))
 _logger = logging.getLogger(__name__)
 
 
+@checked_names(SimulationError)
 def run_batch(
     trials: Study | str | PathLike[str] | Sequence[Trial],
     *,

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
+from vsr2.argument_names import checked_names
 from vsr2.config import Study, load_study
 from vsr2.config.motion_source import DriveMode
 from vsr2.config.study import Settling
@@ -72,6 +73,7 @@ class SimulationState:
     command: tuple[float, float]
 
 
+@checked_names(SimulationError)
 class Simulation(OneLine):
     """A pedestal with or without a rock, stepped from Python; the core is that of `run_batch`.
 

@@ -10,6 +10,7 @@ from typing import Any, Protocol
 import numpy as np
 
 from vsr2._native import Outcome as Ending
+from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import DRIVE_MODES, DriveMode
 from vsr2.config.problems import shown
 from vsr2.config.study import Outcome, Output, Settling
@@ -103,6 +104,7 @@ _FIELDS: Mapping[str, tuple[Any, str]] = {
 """What the fields of a trial are, and where a value comes from."""
 
 
+@checked_names(SimulationError)
 @dataclass(frozen=True, eq=False, repr=False)
 class Trial(OneLine):
     """One run of one scene under one motion; equal to another where content and names are.

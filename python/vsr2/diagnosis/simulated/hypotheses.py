@@ -6,6 +6,7 @@ from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Literal
 
+from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign
 from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
 from vsr2.diagnosis.simulated.nuisances import (
@@ -36,6 +37,7 @@ class HypothesisConstants:
 HYPOTHESIS = HypothesisConstants()
 
 
+@checked_names(DiagnosisError)
 @dataclass(frozen=True)
 class Hypotheses:
     """What a campaign is diagnosed against.

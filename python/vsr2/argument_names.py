@@ -1,0 +1,67 @@
+"""Names of arguments: who mistypes one, or gives an old one, is told the right one."""
+
+from __future__ import annotations
+
+import difflib
+import functools
+import inspect
+from collections.abc import Callable, Iterable
+from typing import Any, TypeVar
+
+from vsr2.errors import Renamed, Vsr2Error
+
+C = TypeVar("C", bound=Callable[..., Any])
+
+
+def checked_names(error: type[Vsr2Error]) -> Callable[[C], C]:
+    """Decorator of a class or function, whose error names the argument that is most likely meant.
+
+    Python's own error for an unknown keyword names none. A :class:`vsr2.errors.Renamed` of the
+    class says what replaced an old name, with its unit.
+
+    Args:
+        error: raised where a keyword is no argument.
+    """
+
+    def decorated(of: C) -> C:
+        taken = of.__init__ if isinstance(of, type) else of
+        own = [*inspect.signature(taken).parameters][isinstance(of, type) :]
+        known = frozenset(own)
+
+        @functools.wraps(taken)
+        def checked(*args: Any, **named: Any) -> Any:
+            if not named.keys() <= known:
+                name = next(name for name in named if name not in known)
+                raise error(f"{of.__name__}({name}=...): {_meant(of, name, own)}")
+            return taken(*args, **named)
+
+        if not isinstance(of, type):
+            return checked  # type: ignore[return-value]
+        of.__init__ = checked  # type: ignore[misc]
+        return of
+
+    return decorated
+
+
+def _meant(of: Callable[..., Any], name: str, known: list[str]) -> str:
+    gone = getattr(of, name, None)
+    if isinstance(gone, Renamed) and gone.now.split()[0] in known:
+        return f"is gone; use {gone.now}"
+    near = nearest(name, known)
+    hint = f"did you mean `{near}`?" if near else f"known are {', '.join(known)}"
+    return f"is no argument; {hint}"
+
+
+def nearest(word: str, choices: Iterable[str]) -> str | None:
+    """The choice that `word` most likely means; camelCase (as in ROS 2 files) is understood."""
+    plain = {choice.replace("_", "").lower(): choice for choice in choices}
+    word = word[:100].replace("_", "").lower()
+    near = difflib.get_close_matches(word, plain, n=1, cutoff=0.75)
+    # A shorter word says less by its share of equal letters; its start and end say more.
+    near = near or [name for name in plain if len(word) > 2 and name.startswith(word)]
+    near = near or [
+        name
+        for name in difflib.get_close_matches(word, plain, n=3, cutoff=0.6)
+        if name[0] == word[0]
+    ]
+    return plain[near[0]] if near else None
