@@ -23,6 +23,7 @@ from vsr2.cli.main import main
 from vsr2.config.study import Outcome, Output, Study
 from vsr2.effects import apply_effects
 from vsr2.errors import SimulationError
+from vsr2.fragility import load_fragility, run_fragility
 from vsr2.results import JOURNAL_FILE, BatchResult, load_result, load_trial_log, prepare_folder
 from vsr2.scene import build_scene
 from vsr2.simulation import (
@@ -330,6 +331,40 @@ def test_the_command_line_uses_a_cluster(
     assert main([*run, "--overwrite", "--scheduler", address, "--threads", "2"]) == 2
     assert "--threads" in capsys.readouterr().err
     assert_same(local, load_result(tmp_path / "out"))
+
+
+def test_effects_of_a_file_reach_a_cluster_whose_workers_do_not_read_it(
+    cluster: Cluster, client: Any, tmp_path: Path
+) -> None:
+    pad = Path(__file__).resolve().parents[2] / "docs" / "examples" / "soft_pad.py"
+    study = tmp_path / "study.yaml"
+    study.write_text(STUDY.replace("step: 0.05}\n  pgv", "step: 0.25}\n  pgv"))
+    soft = tmp_path / "soft.yaml"
+    soft.write_text(f"{study.read_text()}effects: {{soft_pad: {{compliance: 3.0e-8}}}}\n")
+    line = ["--quiet", "--effects", str(pad)]
+    script = "import sys; from vsr2.cli.main import main; sys.exit(main(sys.argv[1:]))"
+    found = []
+    # In processes of their own, so that the effect joins the library of no other test.
+    for name, file, more in (
+        ("plain", study, []),
+        ("here", soft, ["--threads", "1"]),
+        ("there", soft, ["--scheduler", str(cluster.file)]),
+    ):
+        run = ["run", str(file), "--out", str(tmp_path / name), *line, *more]
+        subprocess.run([sys.executable, "-c", script, *run], check=True)
+        found.append(load_result(tmp_path / name))
+    plain, here, there = found
+    assert_same(here, there)
+    assert np.any(plain["peak_tilt"] != here["peak_tilt"])
+
+
+def test_fragility_runs_on_a_cluster(client: Any, tmp_path: Path) -> None:
+    study = tmp_path / "study.yaml"
+    study.write_text(STUDY)
+    loaded = load_fragility(study)
+    here, there = run_fragility(loaded, threads=2), run_fragility(loaded, client=client)
+    for name in here.batch.trials:
+        np.testing.assert_array_equal(here.batch[name], there.batch[name], err_msg=name)
 
 
 def test_a_lost_scheduler_is_an_error_that_keeps_what_is_finished(
