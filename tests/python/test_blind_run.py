@@ -219,7 +219,7 @@ def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path,
     counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
     pack = tmp_path / "pack"
     command = ["blind", "make", str(SCENE), "--out", str(pack), "--seed", "4", *sizes, *counts]
-    command += ["--engine", "mujoco", "--engine", "bullet", "--quiet"]
+    command += ["--engine", "mujoco", "--engine", "bullet"]
     assert main(command) == 2
     assert "--development" in capsys.readouterr().err
     assert main([*command, "--development"]) == 0
@@ -229,6 +229,11 @@ def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path,
     found = Counter((e["engine"], e["kind"]) for e in key["campaigns"].values())
     assert found["mujoco", "single"] == 2
     assert found["bullet", "single"] == found["mujoco", "none"] == found["bullet", "none"] == 1
+    # A finished pack is not made again, but for --resume, which changes nothing.
+    assert main([*command, "--development"]) == 2
+    assert "holds the key of a pack; go on with it by --resume" in capsys.readouterr().err
+    assert main([*command, "--development", "--resume", "--quiet"]) == 0
+    assert capsys.readouterr().out == ""
 
 
 def test_a_pack_needs_a_name_or_a_key(quick, tmp_path, capsys, monkeypatch) -> None:

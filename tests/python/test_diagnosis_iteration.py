@@ -229,9 +229,9 @@ def test_the_command_line_iterates_and_writes_draws(gained, tmp_path, capsys) ->
     given = ("diagnose", tmp_path / "campaign", "--scene", tmp_path / "scene.yaml", "--tier", "M",
              "--campaigns", 36, "--no-how-far", "--threads", 1)  # fmt: skip
     with few_simulations(), few_effects("table_gain", "catch"):
-        for _ in range(2):
+        for again in ((), ("--resume",)):
             assert run(*given, "--out", tmp_path / "out", "--iterate", "--most-rounds", 1,
-                       "--posterior-draws", 3) == 0  # fmt: skip
+                       "--posterior-draws", 3, *again) == 0  # fmt: skip
     printed = capsys.readouterr()
     assert "added to the scene" in printed.out
     below = tmp_path / "out" / "round_1"

@@ -192,7 +192,9 @@ def test_a_killed_diagnosis_goes_on_to_the_same_verdict_by_other_threads(
     assert child.wait() == -signal.SIGKILL
     assert not (out / "diagnosis.json").exists()
     kept = committed(cache)
-    assert main([*command(folder, out), "--threads", "2"]) == 0
+    assert main([*command(folder, out), "--threads", "2"]) == 2
+    assert "already holds a diagnosis; go on with `--resume`" in capsys.readouterr().err
+    assert main([*command(folder, out), "--threads", "2", "--resume"]) == 0
     assert content(out) == stated
     document = json.loads((out / "diagnosis.json").read_text())
     assert document["provenance"]["budget"]["reused"] >= kept > 0

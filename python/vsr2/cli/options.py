@@ -150,10 +150,14 @@ def cluster(address: str | None, threads: int | None = None) -> Iterator[distrib
 
 
 def work_folder(folder: Path, own: Sequence[str], what: str, options: Again) -> None:
-    """Make a folder ready in which work goes on; see :func:`vsr2.results.prepare_work_folder`."""
+    """Make a folder ready in which work goes on; see :func:`vsr2.results.prepare_work_folder`.
+
+    One that is not there is left to whoever does the work: what is asked for may still be refused.
+    """
     from vsr2.results import prepare_work_folder
 
-    prepare_work_folder(folder, own, what, overwrite=options.overwrite, resume=options.resume)
+    if folder.exists():
+        prepare_work_folder(folder, own, what, overwrite=options.overwrite, resume=options.resume)
 
 
 def exit_code(result: BatchResult) -> int:
