@@ -65,7 +65,14 @@ GRAVITY = """    stage = "inertia"
 @pytest.mark.parametrize(
     ("body", "reported"),
     [
-        ("", ["alive: NO, 0 times the floor", "right: NO, its `verify` gives no check"]),
+        (
+            "",
+            [
+                "alive: NO, 0 times the floor",
+                "more than 3 times is wanted",
+                "right: NO, its `verify` gives no check",
+            ],
+        ),
         (
             # Acts at its null value, too.
             "    def is_null(self, values):\n        return False\n"

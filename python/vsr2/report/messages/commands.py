@@ -176,6 +176,8 @@ def reference_table(found: Sequence[Agreement]) -> str:
 
 def effect_report(report: EffectReport) -> str:
     """The checks of an effect, one a line."""
+    from vsr2.simulation.effect_checks import CHECK
+
     neutral = "yes" if report.neutral else "NO: the trajectory differs at the null value"
     lines = [
         f"{report.effect.name}: {'passes' if report.good else 'FAILS'}",
@@ -188,7 +190,10 @@ def effect_report(report: EffectReport) -> str:
         lines.append(f"  continuous: exempt, it declares a jump: {report.effect.jump}")
     else:
         lines.append("  continuous: not checked, the null value has no value beside it")
-    lines.append(f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive)}")
+    alive = f"  alive: {'yes' if report.is_alive else 'NO'}, {_ratios(report.alive)}"
+    if not report.is_alive:
+        alive += f"; more than {CHECK.alive:g} times is wanted, so widen a prior's ends"
+    lines.append(alive)
     if report.right is None:
         lines.append(
             "  right: not part of the installed package; VSR2's own tests hold "
