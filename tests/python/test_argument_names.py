@@ -5,14 +5,14 @@ from __future__ import annotations
 import inspect
 import pickle
 from collections.abc import Callable
-from typing import Any
+from typing import Any, TypedDict
 
 import pytest
 
 import vsr2
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, simulate_campaign
-from vsr2.diagnosis import Budget, Execution, Hypotheses
+from vsr2.diagnosis import Budget, Execution, Hypotheses, iterate
 from vsr2.errors import CampaignError, DiagnosisError, MotionError, Renamed, Vsr2Error
 from vsr2.motion import Motion, Record
 
@@ -20,12 +20,13 @@ PUBLIC: list[Any] = [getattr(vsr2, name) for name in vsr2.__all__]
 PUBLIC = [one for one in PUBLIC if callable(one) and one not in (vsr2.Study, vsr2.Diagnosis)]
 """A study checks its keys as a file's; a diagnosis is made by `diagnose` alone."""
 MORE = [Campaign, CampaignTrial, MeasurementNoise, simulate_campaign, Record]
-MORE += [Budget, Execution, Hypotheses]
+MORE += [Budget, Execution, Hypotheses, iterate]
 
 
 @pytest.mark.parametrize("of", [*PUBLIC, *MORE], ids=lambda one: one.__name__)
 def test_every_public_callable_names_the_argument_that_is_meant(of: Callable[..., Any]) -> None:
-    known = list(inspect.signature(of).parameters)
+    stated = inspect.signature(of).parameters.values()
+    known = [one.name for one in stated if one.kind is not one.VAR_KEYWORD]
     name = max(known, key=len)
     with pytest.raises(Vsr2Error) as raised:
         of(**{f"{name}s": 1})
@@ -37,6 +38,7 @@ def test_every_public_callable_names_the_argument_that_is_meant(of: Callable[...
     ("call", "error", "said"),
     [
         (lambda: CampaignTrial(pga=0.3), CampaignError, "(pga=...): is gone; use pga_g [g]"),
+        (lambda: simulate_campaign([], thread=1), CampaignError, "did you mean `threads`?"),
         (lambda: Motion(tiem_step=1), MotionError, "did you mean `time_step`?"),
         (lambda: Budget(minute=1), DiagnosisError, "did you mean `minutes`?"),
         (lambda: Budget(zzz=1), DiagnosisError, "known are minutes, simulations, campaigns"),
@@ -65,6 +67,20 @@ def test_good_calls_signatures_and_pickles_stay_as_they_are() -> None:
     assert pickle.loads(pickle.dumps(Own(4.0))).new == 4.0
     with pytest.raises(TypeError, match="missing 1 required positional argument: 'new'"):
         Own(other=1)
+
+
+class _More(TypedDict, total=False):
+    threads: int
+
+
+def test_options_of_a_dictionary_are_arguments_too() -> None:
+    @checked_names(CampaignError, _More)
+    def run(first: int, **more: int) -> int:
+        return first + more.get("threads", 0)
+
+    assert run(1, threads=2) == 3
+    with pytest.raises(CampaignError, match="did you mean `threads`"):
+        run(1, thread=2)
 
 
 def test_an_old_name_is_told_only_where_the_new_one_is_an_argument() -> None:

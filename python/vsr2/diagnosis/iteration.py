@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any, Literal, TypedDict, Unpack, get_args
 
 from vsr2 import _native
+from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import BUDGET, Execution, diagnose, made_folder
@@ -128,6 +129,7 @@ def _summary(one: Round) -> dict[str, Any]:
     }
 
 
+@checked_names(DiagnosisError, Asked)
 def iterate(
     campaign: Campaign | str | PathLike[str],
     scene: Study | str | PathLike[str],
