@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import functools
 import inspect
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import Any, TypeVar
 
 from vsr2.errors import Renamed, Vsr2Error
@@ -16,8 +16,9 @@ C = TypeVar("C", bound=Callable[..., Any])
 def checked_names(error: type[Vsr2Error], passed_on: type | None = None) -> Callable[[C], C]:
     """Decorator of a class or function, whose error names the argument that is most likely meant.
 
-    Python's own error for an unknown keyword names none. A :class:`vsr2.errors.Renamed` of the
-    class says what replaced an old name, with its unit.
+    Python's own error for an unknown keyword names none, and that for a missing argument is none of
+    VSR2's. A :class:`vsr2.errors.Renamed` of the class says what replaced an old name, with its
+    unit.
 
     Args:
         error: raised where a keyword is no argument.
@@ -26,7 +27,8 @@ def checked_names(error: type[Vsr2Error], passed_on: type | None = None) -> Call
 
     def decorated(of: C) -> C:
         taken = of.__init__ if isinstance(of, type) else of
-        parameters = inspect.signature(taken).parameters.values()
+        signature = inspect.signature(taken)
+        parameters = signature.parameters.values()
         own = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD][isinstance(of, type) :]
         own += [] if passed_on is None else [*passed_on.__annotations__]
         known = frozenset(own)
@@ -36,7 +38,13 @@ def checked_names(error: type[Vsr2Error], passed_on: type | None = None) -> Call
             if not named.keys() <= known:
                 name = next(name for name in named if name not in known)
                 raise error(f"{of.__name__}({name}=...): {_meant(of, name, own)}")
-            return taken(*args, **named)
+            try:
+                return taken(*args, **named)
+            except TypeError:
+                missing = _missing(signature, args, named)
+                if missing is None:
+                    raise
+                raise error(f"{of.__name__}: `{missing}` is missing; give it") from None
 
         if not isinstance(of, type):
             return checked  # type: ignore[return-value]
@@ -44,6 +52,20 @@ def checked_names(error: type[Vsr2Error], passed_on: type | None = None) -> Call
         return of
 
     return decorated
+
+
+def _missing(
+    signature: inspect.Signature, args: tuple[Any, ...], named: Mapping[str, Any]
+) -> str | None:
+    """The first argument that a call lacks; None: it lacks none."""
+    try:
+        given = signature.bind_partial(*args, **named).arguments
+    except TypeError:  # More by position than there are.
+        return None
+    for name, one in signature.parameters.items():
+        if one.default is one.empty and one.kind is not one.VAR_KEYWORD and name not in given:
+            return name
+    return None
 
 
 def _meant(of: Callable[..., Any], name: str, known: list[str]) -> str:

@@ -65,8 +65,20 @@ def test_good_calls_signatures_and_pickles_stay_as_they_are() -> None:
     assert (Own(1.0, other=2).new, Own(new=3.0).new) == (1.0, 3.0)
     assert list(inspect.signature(Own).parameters) == ["new", "other"]
     assert pickle.loads(pickle.dumps(Own(4.0))).new == 4.0
-    with pytest.raises(TypeError, match="missing 1 required positional argument: 'new'"):
+
+
+def test_a_missing_argument_is_named_and_other_errors_of_type_stay() -> None:
+    with pytest.raises(CampaignError, match="_Own: `new` is missing; give it"):
         Own(other=1)
+    with pytest.raises(TypeError, match="takes 2 positional arguments but 3"):
+        Own(1.0, 2)
+
+    @checked_names(CampaignError)
+    def broken(new: float) -> float:
+        return new + "text"  # type: ignore[operator]
+
+    with pytest.raises(TypeError, match="unsupported operand"):
+        broken(1.0)
 
 
 class _More(TypedDict, total=False):

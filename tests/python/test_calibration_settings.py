@@ -6,7 +6,12 @@ import pytest
 
 from calibration_samples import STUDY
 from vsr2.calibration import load_calibration
-from vsr2.calibration.calibration_study import start_values, study_values
+from vsr2.calibration.calibration_study import (
+    CalibrationSettings,
+    start_values,
+    study_values,
+)
+from vsr2.config.problems import _CALIBRATION
 from vsr2.errors import ConfigError
 
 
@@ -103,3 +108,7 @@ def test_an_effects_parameter_can_be_varied(study):
     assert made.effects == {"edge_rounding": {"radius": 0.004}}
     with pytest.raises(ConfigError, match=r"parameters\.radius at -0\.1: effects.*radius"):
         study(rounded, ("method:", radius.replace("[0.0,", "[-0.1,")))
+
+
+def test_a_plain_study_names_the_verb_of_every_key_of_a_calibration() -> None:
+    assert {*CalibrationSettings.model_fields} == {*_CALIBRATION}

@@ -156,12 +156,11 @@ def _walk(
     return tuple(path), owner, field
 
 
-_OF_ANOTHER_VERB = {
-    "fragility": "vsr2 fragility",
-    "parameters": "vsr2 calibrate",
-    "method": "vsr2 calibrate",
-    "campaign": "vsr2 calibrate",
-}
+_CALIBRATION = (
+    *("campaign", "parameters", "method", "folds", "resamples", "replicates", "objective"),
+    "judged_with",
+)
+_OF_ANOTHER_VERB = {"fragility": "vsr2 fragility", **dict.fromkeys(_CALIBRATION, "vsr2 calibrate")}
 """Keys of a file that is no plain study, with the verb that takes it."""
 
 
