@@ -1,0 +1,164 @@
+"""Kill a verb at random moments, resume it, and compare with an undisturbed run.
+
+    python scripts/kill_and_resume.py STUDY.yaml --work out/kills --seconds 600 [--seed 0]
+
+STUDY is a plain study. Each round takes a verb that keeps unfinished work, begins it in an empty
+folder, ends it by SIGKILL at a random moment, again and again with `--resume`, and lets it end. It
+must then hold, to the bit, what an undisturbed run wrote. Exit code 1: something differs,
+or a verb ended with an error. One line a round, and the number of kills at the end.
+"""
+
+from __future__ import annotations
+
+import argparse
+import random
+import shutil
+import subprocess
+import sys
+import time
+from collections import Counter
+from dataclasses import dataclass
+from pathlib import Path
+
+KILLS = 4
+"""Of a round, at most."""
+CALIBRATION = """
+name: calibration
+campaign: {campaign}
+rock: {{shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}}
+engine: {{mode: fast}}
+outcome: {{tail: 5.0}}
+parameters:
+  yaw: {{keys: [rock.start.yaw], range: [0.0, 60.0], unit: deg}}
+method: {{kind: joint, design: 8, refine: 4, profile_points: 3}}
+folds: 3
+"""
+
+
+@dataclass(frozen=True)
+class Verb:
+    """A verb that keeps unfinished work.
+
+    Attributes:
+        line: its words, without --out.
+        compared: patterns of the files that equal runs write alike.
+    """
+
+    line: tuple[str, ...]
+    compared: tuple[str, ...]
+
+
+def verbs(study: Path, work: Path) -> dict[str, Verb]:
+    """What is killed."""
+    campaign = work / "campaign"
+    calibration = work / "calibration.yaml"
+    calibration.write_text(CALIBRATION.format(campaign=campaign))
+    quick = ("--threads", "1", "--quiet")
+    few = ("--seed", "1", "--campaigns", "60", "--no-how-far", "--tier", "M")
+    return {
+        "run": Verb(
+            ("run", str(study), "--no-figures", *quick), ("trials.csv", "logs/*", "models/*")
+        ),
+        "fragility": Verb(("fragility", str(study), "--no-figures", *quick), ("*.csv",)),
+        "campaign simulate": Verb(
+            ("campaign", "simulate", str(study), "--series-every", "50", *quick),
+            ("trials.csv", "motions/*", "series/*"),
+        ),
+        "calibrate": Verb(
+            ("calibrate", str(calibration), "--no-figures", *quick),
+            ("best.yaml", "predictions.csv", "folds.csv", "scores.csv", "profiles.csv"),
+        ),
+        "campaign predict": Verb(
+            ("campaign", "predict", str(study), str(campaign), "--replicates", "8", *quick),
+            ("*.csv",),
+        ),
+        "diagnose": Verb(
+            ("diagnose", str(campaign), "--scene", str(study), *few, *quick), ("*.csv",)
+        ),
+    }
+
+
+def start(verb: Verb, out: Path, *more: str) -> subprocess.Popen[bytes]:
+    """The verb, in a process of its own."""
+    line = [sys.executable, "-m", "vsr2", *verb.line, "--out", str(out), *more]
+    return subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
+
+
+def content(verb: Verb, out: Path) -> dict[str, bytes]:
+    """Files that are compared, by name."""
+    files = [path for form in verb.compared for path in sorted(out.glob(form)) if path.is_file()]
+    return {str(path.relative_to(out)): path.read_bytes() for path in files}
+
+
+def disturbed(verb: Verb, out: Path, chance: random.Random, usual_s: float) -> tuple[int, str]:
+    """Kills of one round, and what went wrong; "": nothing."""
+    kills = 0
+    for more in [(), *[("--resume",)] * KILLS]:
+        # Before the first file a resumed run begins, as it does without one.
+        child = start(verb, out, *more)
+        try:
+            said = child.communicate(
+                timeout=chance.uniform(0.0, usual_s) if kills < KILLS else None
+            )
+        except subprocess.TimeoutExpired:
+            child.kill()
+            child.communicate()
+            kills += 1
+            continue
+        if child.returncode not in (0, 1):
+            return kills, said[1].decode()[-500:]
+        return kills, ""
+    return kills, "it never ended"
+
+
+def main() -> int:
+    """Rounds until the time is over."""
+    parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
+    parser.add_argument("study", type=Path)
+    parser.add_argument("--work", type=Path, required=True)
+    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--seed", type=int, default=0)
+    parser.add_argument("--verb", action="append", help="kill this verb alone; may be repeated")
+    asked = parser.parse_args()
+    work = asked.work.resolve()
+    work.mkdir(parents=True, exist_ok=True)
+    chance = random.Random(asked.seed)
+    ends = time.monotonic() + asked.seconds
+    known = verbs(asked.study.resolve(), work)
+    campaign = known["campaign simulate"]
+    shutil.rmtree(work / "campaign", ignore_errors=True)
+    start(campaign, work / "campaign").communicate()
+    chosen = asked.verb or list(known)
+    expected: dict[str, tuple[dict[str, bytes], float]] = {}
+    for name in chosen:
+        out = work / f"{name.replace(' ', '_')}_undisturbed"
+        shutil.rmtree(out, ignore_errors=True)
+        began = time.monotonic()
+        child = start(known[name], out)
+        said = child.communicate()[1].decode()
+        if child.returncode not in (0, 1):
+            print(f"{name}: {said}")
+            return 1
+        expected[name] = content(known[name], out), time.monotonic() - began
+    kills: Counter[str] = Counter()
+    bad = 0
+    while time.monotonic() < ends:
+        for name in chosen:
+            out = work / f"{name.replace(' ', '_')}_killed"
+            for left in (out, out.with_name(f"{out.name}.checkpoint")):
+                shutil.rmtree(left, ignore_errors=True)
+            alike, usual_s = expected[name]
+            count, wrong = disturbed(known[name], out, chance, usual_s)
+            kills[name] += count
+            if not wrong and content(known[name], out) != alike:
+                wrong = "what it holds differs from an undisturbed run"
+            bad += bool(wrong)
+            print(f"{name}: {count} kills{': ' + wrong if wrong else ''}", flush=True)
+            if time.monotonic() > ends:
+                break
+    print(f"{kills.total()} kills ({dict(kills)}), {bad} rounds wrong")
+    return int(bad > 0)
+
+
+if __name__ == "__main__":
+    sys.exit(main())
