@@ -16,7 +16,6 @@ import argparse
 import hashlib
 import json
 import resource
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -29,7 +28,6 @@ from vsr2.diagnosis.simulated.library import free_parameters, primary_parameters
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import HALF_STEP, Effects, Request
 from vsr2.effects import Effect
-from vsr2.motion import on_file
 
 EFFECTS = ("table_resonance", "table_bandwidth", "time_scale")
 """Each gives every trial a motion of its own."""
@@ -59,9 +57,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=2)
     parser.add_argument("--trials", type=int, help="of each campaign, fewer than all")
     options = parser.parse_args()
-    campaign = load_campaign(options.campaign).with_motion()
-    kept = {name: on_file(record) for name, record in campaign.motions.items()}
-    campaign = replace(campaign, motions=kept)
+    campaign = load_campaign(options.campaign).on_file().with_motion()
     hypotheses = Hypotheses(exclude=["base_slope"])
     simulator = SceneSimulator(
         campaign, load_study(options.scene), hypotheses=hypotheses, threads=options.threads

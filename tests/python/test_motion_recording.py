@@ -320,6 +320,7 @@ def test_a_record_on_file_is_the_record(tmp_path):
     record = read_record(path)
     kept = on_file(record)
     assert kept is not record
+    assert on_file(kept) is kept
     assert not [one for one in vars(kept).values() if isinstance(one, np.ndarray)]
     for one in (kept, pickle.loads(pickle.dumps(kept))):
         assert list(one.channels) == ["displacement", "acceleration"]

@@ -18,7 +18,7 @@ from vsr2.campaign.faults import extra_fault, id_fault, number_fault, text_fault
 from vsr2.codes import Tier
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError, Renamed
-from vsr2.motion import Record
+from vsr2.motion import Record, on_file
 from vsr2.one_line import OneLine
 
 Array = NDArray[np.float64]
@@ -479,6 +479,10 @@ class Campaign(OneLine):
         named = {trial.motion_file for trial in trials}
         motions = {name: record for name, record in self.motions.items() if name in named}
         return replace(self, trials=trials, motions=motions)
+
+    def on_file(self) -> Campaign:
+        """The same campaign with records that stay in their files (:func:`vsr2.motion.on_file`)."""
+        return replace(self, motions={key: on_file(one) for key, one in self.motions.items()})
 
     def with_motion(self) -> Campaign:
         """The trials whose table motion was measured.

@@ -132,7 +132,7 @@ def diagnose(
         return _check(campaign, scene, out, question, effort)
     if effort.posterior_draws:
         check_draws(effort.posterior_draws)
-    measured, study = load_campaign(campaign), opt.scene(scene, effort.set)
+    measured, study = load_campaign(campaign).on_file(), opt.scene(scene, effort.set)
     opt.work_folder(out, WORK_FILES, "a diagnosis", effort)
     with opt.cluster(effort.scheduler, effort.threads) as client:
         asked: Asked = {

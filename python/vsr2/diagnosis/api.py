@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -20,7 +20,6 @@ from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.verdict.document import Diagnosis
 from vsr2.effects import check_study_effects
 from vsr2.errors import DiagnosisError
-from vsr2.motion import on_file
 
 if TYPE_CHECKING:
     import distributed
@@ -97,7 +96,7 @@ def diagnose(
             "budget_cpu_minutes counts processor time of this process, and a cluster's workers are "
             "others; give wall time, simulations or campaigns"
         )
-    given = campaign if isinstance(campaign, Campaign) else _loaded(campaign)
+    given = (campaign if isinstance(campaign, Campaign) else load_campaign(campaign)).on_file()
     study = scene if isinstance(scene, Study) else load_study(scene)
     check_study_effects(study.effects, study.name if isinstance(scene, Study) else scene)
     seen = observe_campaign(given, tier)
@@ -135,12 +134,6 @@ def diagnose(
         found.save(folder)
         write_corrected(found, study, folder)
     return found
-
-
-def _loaded(folder: str | PathLike[str]) -> Campaign:
-    """The campaign of a folder; records, which few simulations ask for, stay in their files."""
-    campaign = load_campaign(folder)
-    return replace(campaign, motions={key: on_file(one) for key, one in campaign.motions.items()})
 
 
 def scene_simulator(

@@ -57,7 +57,7 @@ def on_file(record: Record) -> Record:
     Args:
         record: itself where it has no file, or where its samples or interval are not the file's.
     """
-    if not record.sha256:
+    if isinstance(record, RecordOnFile) or not record.sha256:
         return record
     try:
         found = read_record(Path(record.source))
