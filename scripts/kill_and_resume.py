@@ -123,12 +123,10 @@ def main() -> int:
     work = asked.work.resolve()
     work.mkdir(parents=True, exist_ok=True)
     chance = random.Random(asked.seed)
-    ends = time.monotonic() + asked.seconds
     known = verbs(asked.study.resolve(), work)
-    campaign = known["campaign simulate"]
-    shutil.rmtree(work / "campaign", ignore_errors=True)
-    start(campaign, work / "campaign").communicate()
     chosen = asked.verb or list(known)
+    shutil.rmtree(work / "campaign", ignore_errors=True)
+    start(known["campaign simulate"], work / "campaign").communicate()
     expected: dict[str, tuple[dict[str, bytes], float]] = {}
     for name in chosen:
         out = work / f"{name.replace(' ', '_')}_undisturbed"
@@ -142,6 +140,7 @@ def main() -> int:
         expected[name] = content(known[name], out), time.monotonic() - began
     kills: Counter[str] = Counter()
     bad = 0
+    ends = time.monotonic() + asked.seconds
     while time.monotonic() < ends:
         for name in chosen:
             out = work / f"{name.replace(' ', '_')}_killed"

@@ -26,7 +26,7 @@ def checked_names(error: type[Vsr2Error], passed_on: type | None = None) -> Call
     """
 
     def decorated(of: C) -> C:
-        taken = of.__init__ if isinstance(of, type) else of
+        taken = of.__init__ if isinstance(of, type) else of  # type: ignore[misc]
         signature = inspect.signature(taken)
         parameters = signature.parameters.values()
         own = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD][isinstance(of, type) :]
