@@ -2,7 +2,7 @@
 
 Diagnoses a campaign of a planar block whose cause is known, a tether that holds the block from a
 tilt of 0.12 rad on, and takes a picture of what the page shows first. Needs chromium,
-chromium-driver and selenium. Run from the repository's root (about five minutes on one core):
+chromium-driver and selenium. Run from the repository's root (about two minutes on one core):
 
     python studies/figure_diagnosis_page.py [--campaigns N] [--out docs/tutorial]
 """
