@@ -78,6 +78,16 @@ def test_what_is_written_by_hand_is_read(folder):
     assert read.motions["pulse"].displacement[1] == np.float32(np.sin(1.0))
 
 
+def test_records_may_stay_in_their_files(folder):
+    read = load_campaign(folder)
+    kept = read.on_file()
+    assert kept.trials == read.trials
+    held, record = kept.motions["pulse"], read.motions["pulse"]
+    assert not [one for one in vars(held).values() if isinstance(one, np.ndarray)]
+    np.testing.assert_array_equal(held.displacement, record.displacement)
+    assert (held.label, held.sha256) == (record.label, record.sha256)
+
+
 def test_without_the_column_motion_file_the_motion_names_it(folder):
     write_rows(folder, ["trial,motion,session,order,specimen,overturned", "A1,pulse,1,1,block,0"])
     assert load_campaign(folder).trials[0].motion_file == "pulse"
