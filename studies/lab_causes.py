@@ -67,7 +67,7 @@ def losses(campaign: Campaign, margins: dict[Causes, Array]) -> dict[Causes, Arr
     out = {}
     for size in range(len(CAUSES) + 1):
         for acting in map(frozenset, combinations(CAUSES, size)):
-            family = margins[acting & DRAWN.keys()]
+            family = margins[acting & frozenset(DRAWN)]
             if "record" not in acting:
                 family = family[:: len(CHANNELS)]
             p = out_of_fold_probability(

@@ -59,6 +59,7 @@ CONTENT = {
     },
     "gap": {
         "state": "found",
+        "fit": 0.004,
         "effects": ["wear"],
         "before": estimate(0.8),
         "after": estimate(0.3),

@@ -282,6 +282,13 @@ def test_errors_of_usage_reach_callers_that_want_them() -> None:
         command_line.run("run", "study.yaml", "--threads", "x")
 
 
+def stub_campaign(folder: Path) -> SimpleNamespace:
+    """What stands for a campaign that is handed on and not looked into."""
+    campaign = SimpleNamespace(name=folder)
+    campaign.on_file = lambda: campaign
+    return campaign
+
+
 def test_diagnose_hands_budget_and_cache_on(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -292,7 +299,7 @@ def test_diagnose_hands_budget_and_cache_on(
         raise DiagnosisError("seen enough")
 
     monkeypatch.setattr("vsr2.diagnosis.diagnose", stop)
-    monkeypatch.setattr("vsr2.campaign.load_campaign", lambda folder: SimpleNamespace(name=folder))
+    monkeypatch.setattr("vsr2.campaign.load_campaign", stub_campaign)
     monkeypatch.setattr("vsr2.cli.options.scene", lambda path, settings: None)
     line = ["diagnose", "folder", "--scene", "s.yaml", "--out", str(tmp_path), "--campaigns", "300"]
     assert main([*line, "--cache", str(tmp_path / "shared")]) == 2
@@ -316,7 +323,7 @@ def test_diagnose_hands_references_on(monkeypatch: pytest.MonkeyPatch, tmp_path:
         raise DiagnosisError("seen enough")
 
     monkeypatch.setattr("vsr2.diagnosis.diagnose", stop)
-    monkeypatch.setattr("vsr2.campaign.load_campaign", lambda folder: SimpleNamespace(name=folder))
+    monkeypatch.setattr("vsr2.campaign.load_campaign", stub_campaign)
     monkeypatch.setattr("vsr2.cli.options.scene", lambda path, settings: None)
     line = ["diagnose", "folder", "--scene", "s.yaml", "--out", str(tmp_path)]
     assert main([*line, "--reference", "one", "--reference", "other"]) == 2

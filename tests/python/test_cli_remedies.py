@@ -202,6 +202,9 @@ def test_a_signal_while_modules_are_imported_is_said_and_has_its_exit_code(
         f"""
         import signal, sys
 
+        # A shell's job in the background has Ctrl-C ignored from the start.
+        signal.signal(signal.SIGINT, signal.default_int_handler)
+
         class Interrupt:
             def find_spec(self, name, path=None, target=None):
                 if name == "cyclopts":
