@@ -43,8 +43,11 @@ Causes = frozenset[str]
 RESAMPLES = 2000
 
 
-def families(options: argparse.Namespace) -> tuple[Campaign, dict[Causes, Array]]:
-    """Margins of the families of scenes in which some of the drawn causes act."""
+def families(options: argparse.Namespace) -> tuple[Campaign, dict[Causes, Array], Array]:
+    """Margins of the families of scenes in which some of the drawn causes act.
+
+    Of equally many replicates each; then all that are known of the family in which all act.
+    """
     out: dict[Causes, Array] = {}
     for size in range(len(DRAWN) + 1):
         for acting in combinations(DRAWN, size):
@@ -59,7 +62,7 @@ def families(options: argparse.Namespace) -> tuple[Campaign, dict[Causes, Array]
             )[0]  # fmt: skip
             assert found.margins is not None
             out[frozenset(acting)] = found.margins[: options.replicates]
-    return found.campaign, out
+    return found.campaign, out, found.margins
 
 
 def losses(campaign: Campaign, margins: dict[Causes, Array]) -> dict[Causes, Array]:
@@ -115,11 +118,12 @@ def main() -> None:
     parser.add_argument("--members", type=int, default=24)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
-    seen, margins = families(options)
+    seen, margins, whole = families(options)
     by_causes = losses(seen, margins)
     simulated, floor = as_simulated(options)
     curve = logistic_baseline(load_campaign(options.campaign).with_motion(), folds=PREDICTION.folds)
     assert curve.used.all()
+    best = out_of_fold_probability(whole, seen.overturned, seen.motion_ids, PREDICTION.folds)
     none, everything = by_causes[frozenset()], by_causes[frozenset(CAUSES)]
     columns = {
         "as simulated": simulated,
@@ -130,6 +134,7 @@ def main() -> None:
             f"{cause} last": by_causes[frozenset(CAUSES) - {cause}] - everything for cause in CAUSES
         },
         "all causes": everything,
+        "all causes, every replicate": outcome_loss(best, seen.overturned),
         "logistic curve": outcome_loss(curve.out_of_fold, seen.overturned),
         "floor": floor,
     }
@@ -138,8 +143,11 @@ def main() -> None:
     drawn = (counts @ values.T) / counts.sum(axis=1)[:, None]
     means = dict(zip(columns, np.vstack([values.mean(axis=1), drawn]).T, strict=True))
     gap = means["as simulated"] - means["floor"]
-    for name in ("rescaled", "all causes", "logistic curve"):
+    judged = ("rescaled", "all causes", "all causes, every replicate", "logistic curve")
+    for name in judged:
         means[f"closure, {name}"] = (means["as simulated"] - means[name]) / gap
+    ours, curve_alone = (means[f"closure, {name}"] for name in judged[2:])
+    means["closure beyond the logistic curve"] = ours - curve_alone
     rows = []
     for name, found in means.items():
         low, high = np.quantile(found[1:], [0.025, 0.975])
