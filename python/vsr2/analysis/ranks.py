@@ -23,7 +23,7 @@ class RankRules:
     Attributes:
         points: at which the distribution of ranks is compared with the uniform one.
         level: of the band that holds all points at once.
-        draws: of uniform ranks, that say how far these stray.
+        draws: of uniform ranks, that say how far these scatter.
     """
 
     points: int = 19
@@ -40,7 +40,7 @@ class Uniformity:
 
     Attributes:
         count: of ranks.
-        p_value: probability that uniform ranks stray as far at some point, or farther.
+        p_value: probability that uniform ranks lie as far off at some point, or farther.
         points: in (0, 1), shape (points,).
         share: of ranks up to each, shape (points,).
         low, high: band that holds uniform ranks at all points at once, shape (points,).
