@@ -32,6 +32,7 @@ APART = {
     r"vsr2 --install-completion": "changes the reader's shell",
     r"vsr2 view ": "serves until Ctrl-C",
     r".*\b(SOURCE|out/my-campaign|table\.csv|study\.yaml)\b": "needs the reader's own data",
+    r"python studies/lab_": "needs the laboratory's data",
 }
 """Commands that are not run, by how they begin, and why."""
 LONG = r"vsr2 (diagnose|blind|campaign compare)"

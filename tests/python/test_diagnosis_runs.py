@@ -220,7 +220,7 @@ def committed(cache: Path) -> int:
 def test_far_processes_change_nothing(folder, stated, tmp_path) -> None:
     distributed = pytest.importorskip("distributed")
     with distributed.LocalCluster(
-        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=None
+        n_workers=2, threads_per_worker=1, processes=True, dashboard_address=":0"
     ) as cluster:
         line = command(folder, tmp_path / "far", "--scheduler", cluster.scheduler_address)
         assert main([*line, "--quiet"]) == 0
