@@ -48,6 +48,10 @@ MANY = truth_of(
 )
 
 
+FITTING = np.ones(1000)
+"""All campaigns fit simulations without effect."""
+
+
 def test_campaigns_count_by_the_prior_however_many_there_are() -> None:
     count = MANY.acting.sum(axis=1)
     weight = np.array([MANY.weight[count == k].sum() for k in range(3)]) / MANY.weight.sum()
@@ -99,7 +103,7 @@ def exact_logs(truth: _Truth, sharpness: float, seed: int):
 
 @pytest.mark.parametrize("sharpness", [1.0, 2.5])
 def test_the_temperature_undoes_a_claim(sharpness) -> None:
-    levels = _levels(exact_logs(MANY, sharpness, 1), MANY)
+    levels = _levels(exact_logs(MANY, sharpness, 1), MANY, FITTING)
     assert levels.temperature == pytest.approx(sharpness, rel=0.1)
 
 
@@ -108,14 +112,14 @@ def test_the_mean_of_networks_is_calibrated_and_not_each_of_them() -> None:
     exact = exact_logs(MANY, 1.0, 5)
     rng = np.random.default_rng(6)
     eight = tuple(one + 2.5 * rng.standard_normal((8, *one.shape[1:])) for one in exact)
-    assert _levels(eight, MANY).temperature < 0.95
+    assert _levels(eight, MANY, FITTING).temperature < 0.95
     first_alone = tuple(one[:1] for one in eight)
-    assert _levels(first_alone, MANY).temperature > 1.2
+    assert _levels(first_alone, MANY, FITTING).temperature > 1.2
 
 
 def test_names_are_wrong_as_often_as_they_may_be_and_the_limit_is_the_least_that_keeps_it() -> None:
     logs = exact_logs(MANY, 1.0, 2)
-    levels = _levels(logs, MANY)
+    levels = _levels(logs, MANY, FITTING)
     acting = MANY.acting.any(axis=1)
     p = pooled(np.concatenate([logs[0], logs[1][:, acting]], axis=1), levels.temperature)
     outside = MANY.weight[acting] * TRAINING.outside / (1 - TRAINING.outside)
@@ -139,6 +143,16 @@ def test_names_are_wrong_as_often_as_they_may_be_and_the_limit_is_the_least_that
     assert place > 0
     assert share(levels.least_name) == pytest.approx((levels.wrong, levels.named))
     assert levels.wrong <= TRAINING.wrong < share(TRAINING.names[place - 1])[0]
+
+
+def test_levels_are_set_on_verdicts_that_see_the_fit() -> None:
+    """A campaign of which none is not excluded is named or unresolved where it does not fit."""
+    logs = exact_logs(MANY, 1.0, 2)
+    misfitting = np.where(MANY.acting.any(axis=1), 1e-3, 1.0)
+    free, held = _levels(logs, MANY, FITTING), _levels(logs, MANY, misfitting)
+    assert held.none_limit == free.none_limit
+    assert held.wrong <= TRAINING.wrong
+    assert (held.named, held.least_name) != (free.named, free.least_name)
 
 
 @pytest.mark.parametrize("sharpness", [0.5, 1.0, 2.0])

@@ -20,7 +20,7 @@ from vsr2.diagnosis.simulated.library import Library
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
-FORMAT = 6
+FORMAT = 7
 """Of the file, and of what features are: a posterior of another form is trained again."""
 
 

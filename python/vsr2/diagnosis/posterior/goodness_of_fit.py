@@ -24,8 +24,8 @@ def misfit(residuals: Array) -> Array:
     return np.asarray((residuals**2).mean(axis=-1))
 
 
-def gap_free_misfits(copies: Copies, gap_free: NDArray[np.bool_], fold: NDArray[np.int64]) -> Array:
-    """Discrepancies of disturbed campaigns without effect, each standardised by other campaigns.
+def held_out_misfits(copies: Copies, gap_free: NDArray[np.bool_], fold: NDArray[np.int64]) -> Array:
+    """Misfits of disturbed campaigns, each standardised by campaigns of the other folds.
 
     A campaign that is among those that it is standardised by seems to fit better than a new one.
 
@@ -35,27 +35,33 @@ def gap_free_misfits(copies: Copies, gap_free: NDArray[np.bool_], fold: NDArray[
         fold: group of each campaign, shape (n,).
 
     Returns:
-        Rising, one for each disturbed copy of each campaign without effect.
+        Of each disturbed copy, shape (copies - 1, n).
     """
-    out = []
+    out = np.zeros((len(copies) - 1, len(fold)))
     for k in range(SUMMARY.folds):
-        held, rest = gap_free & (fold == k), fold != k
-        if not held.any() or not (rest & gap_free).any():
-            continue
+        held, rest = fold == k, fold != k
         standard = Standard.of(
             np.concatenate([one[rest] for one, _ in copies]),
             np.concatenate([one[rest] for _, one in copies]),
             np.concatenate([gap_free[rest]] * len(copies)),
         )
-        out += [misfit(standard.residuals(o[held], f[held])) for o, f in copies[1:]]
-    return np.sort(np.concatenate(out)) if out else np.zeros(0)
+        for row, (outcome, features) in zip(out, copies[1:], strict=True):
+            row[held] = misfit(standard.residuals(outcome[held], features[held]))
+    return out
 
 
-def fit_probability(observed: float, gap_free: Array) -> float:
-    """Tail probability of a misfit among campaigns without effect; 1 where there are none.
+def fit_probability(observed: Array, gap_free: Array) -> Array:
+    """Tail probability of misfits among campaigns without effect; 1 where there are none.
 
-    The observed one counts with them, so that the probability is above 0 (A. C. Davison and D. V.
+    Each observed one counts with them, so that no probability is 0 (A. C. Davison and D. V.
     Hinkley, "Bootstrap methods and their application", 1997, section 4.2).
+
+    Args:
+        observed: misfits, any shape.
+        gap_free: those of campaigns without effect, rising, shape (m,).
+
+    Returns:
+        Of each, in the shape of `observed`.
     """
-    above = gap_free.size - int(np.searchsorted(gap_free, observed, side="left"))
-    return (1 + above) / (1 + gap_free.size)
+    above = gap_free.size - np.searchsorted(gap_free, observed, side="left")
+    return np.asarray((1 + above) / (1 + gap_free.size))

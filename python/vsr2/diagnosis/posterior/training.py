@@ -13,7 +13,7 @@ from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.discrepancy import Disturbance
 from vsr2.diagnosis.posterior.goodness_of_fit import (
     fit_probability,
-    gap_free_misfits,
+    held_out_misfits,
     misfit,
 )
 from vsr2.diagnosis.posterior.naming import Naming, VerdictKind, candidates, decide, is_wrong
@@ -168,7 +168,7 @@ class Posterior:
         logs = np.stack([one.log_probability(inputs, allowed)[0] for one in self.networks])
         probability = pooled(logs, self.levels.temperature)
         size = float(misfit(residuals[0]))
-        fit = 1.0 if size <= self.excused else fit_probability(size, self.misfits)
+        fit = 1.0 if size <= self.excused else float(fit_probability(np.array(size), self.misfits))
         said = decide(
             candidates(probability, self.sets, self.alike),
             none_limit=self.levels.none_limit,
@@ -268,13 +268,16 @@ def train(
     scaled = _Scaled(summaries, everything.mean(axis=0), scale)
     truth = _Truth.of(campaigns, sets, library)
     networks, logs = _networks(scaled, found, truth, fold, seed)
-    levels = _levels(logs, truth)
+    misfits = held_out_misfits(copies, plain, fold)
+    gap_free_misfits = np.sort(misfits[:, plain], axis=None)
+    # Of the copy that the log probabilities are of.
+    levels = _levels(logs, truth, fit_probability(misfits[-1], gap_free_misfits))
     _logger.info("trained on %d campaigns: %s", len(campaigns), levels)
     disturbed_plain = np.concatenate([one[plain] for one in residuals[1:]])
     return Posterior(
         sets, standard, summaries, scaled.centre, scaled.scale, networks, levels,
         fit_parameters(library, campaigns, residuals[1]),
-        truth.alike, disturbed_plain, gap_free_misfits(copies, plain, fold), len(campaigns),
+        truth.alike, disturbed_plain, gap_free_misfits, len(campaigns),
     )  # fmt: skip
 
 
@@ -390,8 +393,14 @@ def _own_left_out(truth: _Truth, rng: np.random.Generator) -> Bools:
     return ~left_out_together(truth.alike, pick, rng) | plain[:, None]
 
 
-def _levels(logs: Logs, truth: _Truth) -> Levels:
-    """Temperature, and the limits of the rule, from campaigns that no network saw."""
+def _levels(logs: Logs, truth: _Truth, fit: Array) -> Levels:
+    """Temperature, and the limits of the rule, from campaigns that no network saw.
+
+    Args:
+        logs: log probabilities.
+        truth: of the same campaigns.
+        fit: tail probability of each among campaigns without effect, shape (n,).
+    """
     from scipy.optimize import minimize_scalar
 
     acting = truth.acting.any(axis=1)
@@ -413,11 +422,15 @@ def _levels(logs: Logs, truth: _Truth) -> Levels:
     plain = probability[: len(truth.index)][~acting, 0]
     none_limit = float(np.quantile(plain, TRAINING.false_alarms)) if plain.size else 0.5
     found = [candidates(p, truth.sets, truth.alike) for p in probability]
+    fits = np.concatenate([fit, fit[acting]])
     owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(
         acting.sum()
     )
     for least in TRAINING.names:
-        said = [decide(f, none_limit=none_limit, least=least, alike=truth.alike) for f in found]
+        said = [
+            decide(f, none_limit=none_limit, least=least, alike=truth.alike, fit=float(own))
+            for f, own in zip(found, fits, strict=True)
+        ]
         named = np.array([bool(s.effects) and s.kind is not VerdictKind.UNRESOLVED for s in said])
         wrong = np.array([is_wrong(s, own) for s, own in zip(said, owners, strict=True)])
         share = float((weight * wrong).sum() / max((weight * named).sum(), 1e-9))
