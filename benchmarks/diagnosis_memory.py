@@ -1,6 +1,6 @@
 """Peak memory of a diagnosis while it simulates.
 
-    vsr2 campaign import-lab SOURCE out/lab
+    vsr2 campaign import-lab SOURCE --out out/lab
     python benchmarks/diagnosis_memory.py out/lab studies/lab_diagnosis.yaml [--threads N]
                                           [--trials N]
 

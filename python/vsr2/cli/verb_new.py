@@ -36,14 +36,13 @@ def new(
     from vsr2.errors import ConfigError
     from vsr2.results.atomic import write_text
 
-    file = out
-    if file.suffix not in (".yaml", ".yml"):
-        raise ConfigError(f"{file}: is no name of a YAML file; end it in .yaml")
+    if out.suffix not in (".yaml", ".yml"):
+        raise ConfigError(f"{out}: is no name of a YAML file; end it in .yaml")
     kind = template if template in ("fragility", "calibration") else "study"
-    schema = target_file(file, overwrite=overwrite).with_name(f"vsr2_{kind}.schema.json")
+    schema = target_file(out, overwrite=overwrite).with_name(f"vsr2_{kind}.schema.json")
     text = (files("vsr2.cli") / "templates" / f"{template}.yaml").read_text(encoding="utf-8")
     write_text(schema, to_json(json_schema(kind), indent=2).decode() + "\n")
-    write_text(file, f"# yaml-language-server: $schema={schema.name}\n{text}")
+    write_text(out, f"# yaml-language-server: $schema={schema.name}\n{text}")
     if not quiet:
-        print_written([file, schema])
+        print_written([out, schema])
     return 0

@@ -55,7 +55,11 @@ def on_file(record: Record) -> Record:
     """The same record, its samples left in its file where that holds nothing else.
 
     Args:
-        record: itself where it has no file, or where its samples or interval are not the file's.
+        record: any.
+
+    Returns:
+        A record that reads; `record` itself where it has no file, or where its samples or interval
+        are not the file's.
     """
     if isinstance(record, RecordOnFile) or not record.sha256:
         return record
