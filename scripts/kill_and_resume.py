@@ -54,7 +54,7 @@ def verbs(study: Path, work: Path) -> dict[str, Verb]:
     calibration = work / "calibration.yaml"
     calibration.write_text(CALIBRATION.format(campaign=campaign))
     quick = ("--threads", "1", "--quiet")
-    few = ("--seed", "1", "--campaigns", "60", "--no-how-far", "--tier", "M")
+    few = ("--seed", "1", "--campaigns", "150", "--no-how-far", "--tier", "M")
     return {
         "run": Verb(
             ("run", str(study), "--no-figures", *quick), ("trials.csv", "logs/*", "models/*")
