@@ -75,7 +75,7 @@ def pair_probability(found: Found, posterior: Posterior, wanted: set[str]) -> fl
     return float(
         sum(
             p
-            for p, i, j in zip(pairs, *sets.pairs, strict=True)
+            for p, (i, j) in zip(pairs, sets.by_size[1], strict=True)
             if {groups[i], groups[j]} == wanted
         )
     )

@@ -61,6 +61,23 @@ def test_gradients_are_those_of_differences(most, monkeypatch) -> None:
             assert slope[place] == pytest.approx((sides[0] - sides[1]) / 2e-6, abs=1e-7)
 
 
+@pytest.mark.parametrize("most", [2, 3, 4])
+def test_slopes_hold_where_parts_differ_by_more_than_a_number_has_digits(most) -> None:
+    sets = Sets(SETS.names, most)
+    network = Network.drawn(sets, 3, np.random.default_rng(0))
+    outputs = 90.0 * np.random.default_rng(1).standard_normal((50, 2 * 4 + 1 + most))
+    allowed = np.ones((50, 4), dtype=bool)
+    truth = np.arange(50) % len(sets)
+
+    found = network._slope(outputs, allowed, truth)
+
+    logits = outputs @ network._own.T
+    p = np.exp(logits - logits.max(axis=1, keepdims=True))
+    p /= p.sum(axis=1, keepdims=True)
+    # Every term is positive, so only rounding of the sums is left.
+    np.testing.assert_allclose(found, p @ network._own - network._own[truth], atol=1e-11)
+
+
 TWO = Sets(("a", "b"))
 
 MEANS = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 2.0], [2.0, 2.0], [-2.0, -2.0]])

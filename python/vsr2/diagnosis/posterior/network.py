@@ -171,10 +171,12 @@ class Network:
         probability = np.exp(_log_softmax(logits))
         out = np.zeros(outputs.shape)
         out[:, :count], out[:, 2 * count :] = probability[:, :count], probability[:, count:]
-        others = np.ones(factor.shape)
+        before, after = (
+            _sums_before(one, len(self.sets.by_size) - 1) for one in (factor, factor[:, ::-1])
+        )
         for size in range(2, len(self.sets.by_size) + 1):
-            # The polynomial of the other parts, one size smaller.
-            others = np.maximum(sums[size - 1] - factor * others, 0.0)
+            # The polynomial of the other parts, one size smaller; all terms are positive.
+            others = sum(before[k] * after[size - 1 - k][:, ::-1] for k in range(size))
             of_size = probability[:, [count + size - 1]]
             out[:, count : 2 * count] += of_size * factor * others / sums[size]
         out -= self._own[truth]
@@ -195,13 +197,20 @@ class Network:
 
 def _symmetric_sums(factor: Array, most: int) -> list[Array]:
     """Elementary symmetric polynomials of each row, of degree 0 to `most`, each shape (n, 1)."""
-    out = [np.ones((len(factor), 1))]
-    before = np.ones(factor.shape)
+    before = _sums_before(factor, most - 1)
+    sums = [(factor * one).sum(axis=1, keepdims=True) for one in before]
+    return [np.ones((len(factor), 1)), *[np.maximum(one, 1e-300) for one in sums]]
+
+
+def _sums_before(factor: Array, most: int) -> list[Array]:
+    """The same of the factors before each place, each of the shape of `factor`.
+
+    Nothing is subtracted: factors of one row may differ by more than a number has digits.
+    """
+    out = [np.ones(factor.shape)]
     for _ in range(most):
-        # Products whose last factor stands at each place, then those whose last stands before it.
-        product = factor * before
-        out.append(np.maximum(product.sum(axis=1, keepdims=True), 1e-300))
-        before = np.cumsum(product, axis=1) - product
+        running = np.cumsum(factor * out[-1], axis=1)
+        out.append(np.concatenate([np.zeros((len(factor), 1)), running[:, :-1]], axis=1))
     return out
 
 
