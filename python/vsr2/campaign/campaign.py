@@ -394,13 +394,15 @@ class Campaign(OneLine):
         return len(self.trials)
 
     @property
-    def summary(self) -> str:
+    def facts(self) -> Mapping[str, object]:
         """Its name, information, trials, ground motions and how many overturned."""
-        return (
-            f"{self.name!r}, tier {self.tier}, {len(self)} trials of "
-            f"{len(set(self.motion_ids))} ground motions, {int(np.nansum(self.overturned))} "
-            "overturned"
-        )
+        return {
+            "name": self.name,
+            "tier": self.tier,
+            "trials": len(self),
+            "motions": len(set(self.motion_ids)),
+            "overturned": int(np.nansum(self.overturned)),
+        }
 
     @property
     def tier(self) -> Tier:

@@ -352,7 +352,7 @@ def _provenance_text(result: BatchResult, logged: list[int]) -> str:
             "trials": len(result),
             "logs": logged,
             **COLUMNS,
-            "trial_columns": TRIAL_COLUMNS,
+            "trial_columns": {name: one._asdict() for name, one in TRIAL_COLUMNS.items()},
             "npy_columns": NPY_COLUMNS,
         },
     }
