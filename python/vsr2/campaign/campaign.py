@@ -28,7 +28,9 @@ MAX_TRIALS = 100_000
 MAX_SERIES_ROWS = 2_000_000
 """Most rows of one series."""
 MAX_ORDER = 1_000_000_000
+"""Of a trial's order of execution."""
 MAX_NOTE = 1000
+"""Of a trial's note [characters]."""
 MAX_TIME = 1e5
 """Of a series [s]; more is a mistaken unit."""
 MAX_YAW, MAX_POSITION = 100.0, 1000.0

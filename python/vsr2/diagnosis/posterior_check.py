@@ -55,7 +55,7 @@ CHECK_TABLES = (
 )  # fmt: skip
 CHECK_FILES = (CHECK_FILE, CHECK_FIGURE, *CHECK_TABLES)
 CHUNK = 25
-"""Planted campaigns that are simulated between two reports."""
+"""Planted campaigns that are simulated between two reports of progress; no result depends on it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)

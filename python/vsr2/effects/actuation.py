@@ -25,7 +25,7 @@ from vsr2.errors import ConfigError, MotionError
 from vsr2.motion import SideMotion, band_pass
 from vsr2.motion.processing import Kinematics, differentiate
 from vsr2.motion.resample import resample
-from vsr2.motion.study_motions import CROSSOVER_ORDER, Recorded
+from vsr2.motion.study_motions import RECORDED, Recorded
 from vsr2.trial import Trial
 
 
@@ -269,7 +269,7 @@ def _below(signal: Array, corner: float, step: float) -> Array:
     """What is slower than a corner [Hz], without delay: gain 1 / (1 + (f / fc)^4)."""
     if corner >= 0.5 / step:
         return signal
-    return band_pass(signal, step, Filter(low=0.0, high=corner, order=CROSSOVER_ORDER))
+    return band_pass(signal, step, Filter(low=0.0, high=corner, order=RECORDED.crossover_order))
 
 
 def _from_record(

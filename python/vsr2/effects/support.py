@@ -34,6 +34,7 @@ class SupportConstants:
 
 SUPPORT = SupportConstants()
 _UPRIGHT = 1e-6
+"""Guard against rounding."""
 
 
 class SupportRegion(Effect):
