@@ -166,9 +166,11 @@ def test_modules_and_functions_stay_short(folder: str) -> None:
     ]
     for path, node in functions:
         assert (node.end_lineno or 0) - node.lineno < 80, f"{path}: {node.name}"
+        # Of all functions alike: self and cls are not given by who calls, and `**options` are those
+        # of another function.
         named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-        own = [one for one in named if one.arg not in ("self", "cls")]
-        assert len(own) <= 8, f"{path}: {node.name}"
+        given = named[1:] if named and named[0].arg in ("self", "cls") else named
+        assert len(given) <= 8, f"{path}: {node.name}"
 
 
 def test_the_core_knows_no_python() -> None:
