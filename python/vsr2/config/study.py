@@ -57,10 +57,10 @@ class Engine(Section):
 
     mode: EngineMode = "auto"
     """`parity`: Bullet's own code, bit-identical on the same machine with PyBullet whose bodies
-    `createMultiBody` made, not `loadURDF`; `exact`: the same bits, in about half the time; `fast`:
-    the same model in a stepper of our own for one convex rock on a prism's flat top, whose contacts
-    are solved to the end unless `converged_contacts` is false, then equal to rounding (which a
-    chaotic response enlarges within seconds); `auto`: `fast` where it takes the scene, else
+    `createMultiBody` made, not `loadURDF`. `exact`: the same bits, in about half the time. `fast`:
+    the same model in a stepper of our own, for one convex rock on a prism's flat top. It solves
+    contacts to the end; with `converged_contacts: false` it equals `exact` to rounding, which a
+    chaotic response enlarges within seconds. `auto`: `fast` where it takes the scene, else
     `exact`."""
     gravity: Annotated[float, Strict(), Field(gt=0, le=1000), of.GRAVITY] = 9.81
     """Acceleration of gravity, downwards [m/s^2]."""
@@ -156,8 +156,8 @@ class MeshPedestal(_Pedestal):
     """Factor on the mesh's coordinates."""
     collision: Literal["hull", "decomposition", "triangles"] = "decomposition"
     """`hull`: convex hull (a pedestal without hollows); `decomposition`: several hulls (hollows);
-    `triangles`: the exact moving surface (fine relief; a rock on many small triangles trembles by
-    some mm/s, so raise the rest speeds of `settling` with it)."""
+    `triangles`: the exact moving surface (fine relief). A rock on many small triangles trembles by
+    some mm/s, so raise the rest speeds of `settling` with them."""
 
 
 class FixedStart(Section):

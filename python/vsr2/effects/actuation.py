@@ -160,7 +160,7 @@ class InputChannel(Effect):
     of its own, log-uniform over its range, where all trials have both records.
 
     `low_gain` multiplies what is slower than `low_corner` by 1 + low_gain, `high_gain` what is
-    faster than `high_corner` by 1 + high_gain; the gain is 1 + low_gain L(f / low_corner) +
+    faster than `high_corner` by 1 + high_gain. The gain is 1 + low_gain L(f / low_corner) +
     high_gain (1 - L(f / high_corner)) with L(r) = 1 / (1 + r^4), without delay. Gains act on any
     motion, those of one record or none too. All of this comes before all else that is done to the
     motion.
@@ -454,8 +454,8 @@ class TableSaturation(Effect):
 class TableResonance(Effect):
     """A soft table.
 
-    y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0, solved exactly. Its gain at the frequency is sqrt(1
-    + 1 / (4 zeta^2)), which sets zeta; amplification 1 is a rigid table.
+    The table obeys y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0, solved exactly. Its gain at the
+    frequency is sqrt(1 + 1 / (4 zeta^2)), which sets zeta; amplification 1 is a rigid table.
     """
 
     name = "table_resonance"
