@@ -258,10 +258,10 @@ def pool_packs(
         check_apart(out, data, key, diagnoses)
         opened.append((data, open_key(data, key), diagnoses))
     submissions = [folder_sha256(diagnoses, "*.json") for _, _, diagnoses in parts]
-    for (data, folder, diagnoses), (_, key, _), submission in zip(
+    for (data, folder, diagnoses), (_, sealed, _), submission in zip(
         parts, opened, submissions, strict=True
     ):
-        if is_open(key):
+        if is_open(sealed):
             continue
         if not (folder / RECEIPT).exists():
             raise BlindError(f"{data}: is not scored yet; run `vsr2 blind score` on it first")

@@ -163,7 +163,7 @@ def _number(value: float) -> str:
 
 def outcomes_table(cases: Sequence[Case]) -> str:
     """What the verdicts came to, at tiers B / M / T."""
-    columns = {
+    columns: dict[str, list[Case]] = {
         "single, 2+": [c for c in cases if c.kind == Kind.SINGLE and c.relative >= STRONG[0]],
         "single, below 2": [c for c in cases if c.kind == Kind.SINGLE and c.relative < STRONG[0]],
         **{

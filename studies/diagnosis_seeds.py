@@ -11,6 +11,7 @@ diagnoses share simulations and the trained posterior. Writes `table.csv`.
 from __future__ import annotations
 
 import argparse
+from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -104,7 +105,7 @@ def dealt(campaign: Campaign, seed: int) -> Campaign:
     return replace(campaign, trials=trials)
 
 
-def row(content: dict[str, Any]) -> dict[str, Any]:
+def row(content: Mapping[str, Any]) -> dict[str, Any]:
     """What a diagnosis came to."""
     verdict, first = content["verdict"], content["effects"][0]
     return {

@@ -124,7 +124,8 @@ def scene_of(name: str, mode: str) -> Scene:
 
 def still(steps: int) -> Motion:
     """No motion."""
-    return Motion("still", 1e-3, *(np.zeros(steps + 1) for _ in range(3)), "recording")
+    rest = np.zeros(steps + 1)
+    return Motion("still", 1e-3, rest, rest, rest, "recording")
 
 
 def settled_pose(scene: Scene) -> Pose:
@@ -206,8 +207,14 @@ def borderline(scene: Scene, base: Pose, seed: int, threads: int | None) -> floa
 
 def first_steps(scenes: dict[str, Scene], base: Pose, motion: Motion) -> tuple[float, float]:
     """Greatest distance of mass centres in the first 1000 steps [m]: engines, moved start."""
-    cut = (getattr(motion, key)[:1001] for key in ("displacement", "velocity", "acceleration"))
-    short = Motion("first", 1e-3, *cut, "recording")
+    short = Motion(
+        "first",
+        1e-3,
+        motion.displacement[:1001],
+        motion.velocity[:1001],
+        motion.acceleration[:1001],
+        "recording",
+    )
 
     def path(scene: Scene, move: float = 0.0) -> np.ndarray:
         x, y, z = base.position

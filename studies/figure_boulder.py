@@ -95,7 +95,9 @@ def frames(replay: Replay) -> list[bytes]:
             panel.axvline(middle + moved + 0.25 * k * size, 0, 0.12, color="#a4abb4", lw=1)
         flat, shade = rock_polygons(replay, row)
         colours = np.outer(shade, to_rgb(BROWN))
-        panel.add_collection(PolyCollection(flat, facecolors=colours, edgecolors=colours, lw=0.3))
+        panel.add_collection(
+            PolyCollection(list(flat), facecolors=colours, edgecolors=colours, lw=0.3)
+        )
         panel.set(
             xlim=(middle - HALF_WIDTH * size, middle + HALF_WIDTH * size),
             ylim=(foot - 0.2 * size, foot + 1.5 * size),

@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import hashlib
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +75,7 @@ def main() -> None:
         by_record(first), seen.overturned, seen.motion_ids, PREDICTION.folds
     )
     scores = probability_intervals(seen.overturned == 1, out_of_fold, seen.motion_ids)
-    expected = [
+    expected: list[dict[str, Any]] = [
         {"score": name, "value": scores[name].value, "low": scores[name].low,
          "high": scores[name].high}
         for name in PROBABILITY_SCORES

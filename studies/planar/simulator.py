@@ -5,6 +5,7 @@ from __future__ import annotations
 import hashlib
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
+from typing import cast
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from planar.block import (
 from planar.library import PLANAR_LIBRARY, Lanes, PlanarEffect
 from vsr2.campaign import Campaign
 from vsr2.config.motion_source import Filter
+from vsr2.diagnosis.simulated.library import Library
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.errors import DiagnosisError
 from vsr2.motion import build_recorded_motion
@@ -99,9 +101,10 @@ class PlanarSimulator:
         self._identity = digest.hexdigest()
 
     @property
-    def library(self) -> Mapping[str, PlanarEffect]:
+    def library(self) -> Library:
         """Effects that it can apply."""
-        return self._library
+        # A planar effect has what a diagnosis asks of an effect: name, parameters, channels, stage.
+        return cast(Library, self._library)
 
     @property
     def identity(self) -> str:

@@ -166,9 +166,11 @@ def test_modules_and_functions_stay_short(folder: str) -> None:
     ]
     for path, node in functions:
         assert (node.end_lineno or 0) - node.lineno < 80, f"{path}: {node.name}"
+        # Of all functions alike: self and cls are not given by who calls, and `**options` are those
+        # of another function.
         named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
-        own = [one for one in named if one.arg not in ("self", "cls")]
-        assert len(own) <= 8, f"{path}: {node.name}"
+        given = named[1:] if named and named[0].arg in ("self", "cls") else named
+        assert len(given) <= 8, f"{path}: {node.name}"
 
 
 def test_the_core_knows_no_python() -> None:
@@ -208,34 +210,3 @@ def test_a_diagnosis_states_every_constant_that_it_rests_on() -> None:
             if isinstance(node, ast.ClassDef) and node.name.endswith("Constants"):
                 fields = {one.target.id for one in node.body if isinstance(one, ast.AnnAssign)}
                 assert fields in stated or node.name in elsewhere, f"{path}: {node.name}"
-
-
-UNTUNED = {
-    "CHUNK", "CI95", "DIGITS", "FIRST", "FIRST_NUISANCE", "FORBIDDEN", "FORM", "FORMAT", "GRAVITY",
-    "HALF_STEP, FINE_SOLVER", "KEY", "LEVELS", "LONGEST_SERIES_INTERVAL", "PERTURBED", "SALT_BYTES",
-    "STREAM", "_COEFFICIENTS", "_LEVEL", "_MADE", "_QUARTERS", "_SAME", "_STREAM", "_UPRIGHT",
-}  # fmt: skip
-"""Forms of files, streams of random numbers, guards against rounding, conventions, physics."""
-
-
-def numbers_alone(value: ast.expr) -> bool:
-    """Whether an expression is made of numbers and of the mathematics library alone."""
-    kinds = (ast.Constant, ast.Tuple, ast.UnaryOp, ast.BinOp, ast.operator, ast.unaryop)
-    names = (ast.Call, ast.Attribute, ast.Name, ast.expr_context)
-    return all(
-        (isinstance(node, ast.Constant) and type(node.value) in (int, float))
-        or (isinstance(node, kinds) and not isinstance(node, ast.Constant))
-        or (isinstance(node, names) and (not isinstance(node, ast.Name) or node.id == "math"))
-        for node in ast.walk(value)
-    )
-
-
-@pytest.mark.parametrize("room", ["analysis", "blind", "diagnosis", "effects"])
-def test_no_tuned_number_stands_bare(room: str) -> None:
-    bare = {
-        ast.unparse(node.targets[0]).strip("()")
-        for path in (PACKAGE / room).rglob("*.py")
-        for node in ast.parse(path.read_text()).body
-        if isinstance(node, ast.Assign) and numbers_alone(node.value)
-    }
-    assert bare <= UNTUNED

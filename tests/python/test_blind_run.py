@@ -83,7 +83,7 @@ def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
     cache = Stub.calls[0][1]["execution"].cache
     scene = load_study(small / "scene.yaml")
     simulators = [
-        SceneSimulator(at_tier(complete, tier), scene, series=True, sampling=cache.sampling)
+        SceneSimulator(at_tier(complete, tier), scene, series=cache.sampling or True)
         for tier in ("B", "M", "T")
     ]
     assert len({simulator.identity for simulator in simulators}) == 1

@@ -2,14 +2,12 @@
 
 import math
 import re
-from typing import get_args
 
 import pytest
 
-from vsr2._native import EngineKind
 from vsr2.config import study_from_mapping
 from vsr2.config.motion_source import Range
-from vsr2.config.study import Contact, Engine, EngineMode, Study
+from vsr2.config.study import Contact, Engine, Study
 from vsr2.errors import ConfigError
 
 BOX = {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2600}
@@ -24,10 +22,6 @@ def refusal(**sections):
     with pytest.raises(ConfigError) as caught:
         build(**sections)
     return str(caught.value)
-
-
-def test_modes_of_the_engine_are_those_of_the_core():
-    assert list(get_args(EngineMode)) == list(EngineKind.__members__)
 
 
 def test_defaults_are_the_supplements_values_but_for_bullets_habits():

@@ -185,9 +185,10 @@ def test_files_load_and_run(tmp_path) -> None:
     )  # fmt: skip
     path = write_corrected(found, study, tmp_path)
     assert path is not None
-    assert path.read_text().splitlines()[:2] == [
-        "# Corrected for slenderness, at the posterior mean.",
-        "# One of slenderness, table_gain acts; the first is taken.",
+    assert path.read_text().splitlines()[:3] == [
+        "# corrected_for: slenderness",
+        "# values: posterior_mean",
+        "# equivalent: slenderness or table_gain",
     ]
     loaded = load_study(path)
     assert loaded == corrected_study(found, study)

@@ -188,7 +188,7 @@ def test_files_and_figure_hold_the_same_numbers(finished, tmp_path) -> None:
     assert set(CHECK_FILES) < set(WORK_FILES)  # so that --overwrite removes them
     figure = check_figure(found)
     assert len(figure.axes) == 3
-    assert "30 planted" in repr(found)
+    assert "planted=30" in repr(found)
 
 
 def test_another_cache_holds_no_such_posterior(finished, tmp_path) -> None:

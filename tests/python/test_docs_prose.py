@@ -1,4 +1,4 @@
-"""Pages of the documentation stay readable: at most 25 words a sentence on average."""
+"""Pages of the documentation stay readable: at most 25 words a sentence on average, 40 in one."""
 
 import runpy
 from pathlib import Path
@@ -7,13 +7,15 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = runpy.run_path(str(ROOT / "scripts" / "prose.py"))
-AVERAGE, measure = SCRIPT["AVERAGE"], SCRIPT["measure"]
+AVERAGE, LONGEST, measure = SCRIPT["AVERAGE"], SCRIPT["LONGEST"], SCRIPT["measure"]
 PAGES = SCRIPT["pages"](ROOT)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
 def test_sentences_are_short(page):
-    assert measure(page.read_text(encoding="utf-8")).average <= AVERAGE
+    prose = measure(page.read_text(encoding="utf-8"))
+    assert prose.average <= AVERAGE
+    assert [sentence for words, sentence in prose.long if words > LONGEST] == []
 
 
 @pytest.mark.parametrize(
@@ -35,9 +37,9 @@ def test_sentences_are_counted(text, words):
 
 def test_the_script_fails_on_long_prose(tmp_path, monkeypatch, capsys):
     page = tmp_path / "page.md"
-    page.write_text("word " * 40 + ".")
+    page.write_text("word " * 41 + ". Two words." * 9)
     monkeypatch.setattr("sys.argv", ["prose.py", str(page)])
     assert SCRIPT["main"]() == 1
-    assert "40 words" in capsys.readouterr().out
+    assert "41 words" in capsys.readouterr().out
     page.write_text("One two three.")
     assert SCRIPT["main"]() == 0

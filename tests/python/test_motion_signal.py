@@ -90,8 +90,10 @@ def test_the_plot_shows_the_histories() -> None:
 
 def test_one_line_says_what_a_motion_is() -> None:
     motion = cosine_motion(0.05, 1.0, 0.001, name="<a>")
-    assert repr(motion) == ("<Motion: '<a>', cosine, 1 s at 0.001 s, PGA 0.2013 g, PGV 0.3142 m/s>")
-    assert motion._repr_html_().startswith("<b>Motion</b>: &#x27;&lt;a&gt;&#x27;, cosine")
+    assert repr(motion) == (
+        "<Motion: name='<a>', kind='cosine', duration=1, time_step=0.001, pga_g=0.2013, pgv=0.3142>"
+    )
+    assert motion._repr_html_().startswith("<b>Motion</b>: name=&#39;&lt;a&gt;&#39;, kind=")
 
 
 def pulse_of(acceleration: np.ndarray, step: float) -> Motion:

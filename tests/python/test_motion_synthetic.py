@@ -9,7 +9,6 @@ from hypothesis import strategies as st
 
 from vsr2.errors import MotionError
 from vsr2.motion import (
-    SYNTHETIC_INTERVAL,
     intensity_measures,
     shaped_noise,
     synthetic_motion,
@@ -61,7 +60,7 @@ def test_names_and_sources_tell_the_recipe():
 
 def test_shaped_noise_rests_at_both_ends():
     moved = shaped_noise(10.0, 2.0, 1)
-    assert moved.size == round(10 / SYNTHETIC_INTERVAL) + 1
+    assert moved.size == round(10 / SYNTHETIC.interval) + 1
     scale = np.abs(moved).max()
     assert moved[0] == moved[-1] == 0.0
     assert np.abs(np.diff(moved)[[0, -1]]).max() < 1e-6 * scale

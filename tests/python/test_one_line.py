@@ -27,4 +27,4 @@ def test_no_dataclass_writes_a_repr_of_its_own() -> None:
 
 def test_a_diagnosis_is_one_line() -> None:
     content = {"verdict": {"kind": "effect", "effects": ["catch"]}, "where": ["x"] * 1000}
-    assert repr(Diagnosis(content)) == "<Diagnosis: effect, catch named>"
+    assert repr(Diagnosis(content)) == "<Diagnosis: kind='effect', effects=['catch']>"

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import math
 from typing import Any
-from urllib.parse import unquote
 from xml.etree import ElementTree
 
 import pytest
@@ -35,7 +34,7 @@ def marks(figure: Figure) -> dict[str, Any]:
     """Marks of the figure by the text that a browser shows on them."""
     [panel] = figure.axes
     found = {
-        unquote(artist.get_gid().removeprefix("tooltip-")): artist
+        artist.get_gid().removeprefix("tooltip-"): artist
         for artist in panel.get_children()
         if artist.get_gid()
     }
@@ -130,7 +129,7 @@ def test_channels_that_stand_out_are_filled() -> None:
 
 def test_reliability_draws_before_as_crosses_and_after_as_dots() -> None:
     points = [
-        (mark.get_marker(), unquote(mark.get_gid().removeprefix("tooltip-")), at(mark))
+        (mark.get_marker(), mark.get_gid().removeprefix("tooltip-"), at(mark))
         for mark in reliability_figure(ROWS).axes[0].lines
         if mark.get_gid()
     ]

@@ -37,7 +37,7 @@ from vsr2.results import (
     save_trial_log,
 )
 from vsr2.results.atomic import write_atomic
-from vsr2.results.result import COLUMNS, TRIAL_UNITS
+from vsr2.results.result import COLUMNS
 from vsr2.results.result_folder import FORMAT_VERSION
 from vsr2.scene import Box, Triangles
 from vsr2.scene.shapes import box_surface
@@ -181,7 +181,7 @@ def test_the_table_is_readable_by_others(tmp_path: Path) -> None:
     np.testing.assert_allclose(table["pga_g"].to_numpy(), result["pga_g"], rtol=1e-14)
     assert np.isnan(table["peak_tilt"][2])
     facts = json.loads((tmp_path / "provenance.json").read_text())["result_files"]
-    assert facts["trial_columns"]["pga_g"] == "PGA of the driven motion [g]"
+    assert facts["trial_columns"]["pga_g"] == {"unit": "g", "meaning": "PGA of the driven motion"}
 
 
 def test_empty_batches_come_back(tmp_path: Path) -> None:
@@ -374,7 +374,7 @@ def test_the_page_names_every_column_with_its_unit() -> None:
     for row in re.findall(r"^\| (`.*?) \| (.*?) \|", table, re.MULTILINE):
         names, given = re.findall(r"`(\w+)`", row[0]), row[1].strip().split(", ")
         units |= dict(zip(names, given * len(names) if len(given) == 1 else given, strict=False))
-    assert units == {name: TRIAL_UNITS.get(name, "").replace("1", "") for name in TRIAL_COLUMNS}
+    assert units == {name: one.unit.replace("1", "") for name, one in TRIAL_COLUMNS.items()}
 
 
 @pytest.mark.parametrize("name", ["provenance.json", "trials.csv", "logs/000000.npz"])

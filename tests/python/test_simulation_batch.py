@@ -26,7 +26,7 @@ from vsr2.report.messages.runs import trial_end
 from vsr2.results import BatchResult
 from vsr2.scene import Pose
 from vsr2.simulation import Simulation, run_batch, study_trials
-from vsr2.simulation.native_trials import _settled_start, _specification, run_native
+from vsr2.simulation.native_trials import QUEUE, _settled_start, _specification, run_native
 from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -196,7 +196,8 @@ def test_contacts_are_logged_for_the_chosen_trials_only() -> None:
 
 def test_a_slow_taker_bounds_what_the_core_holds(monkeypatch: pytest.MonkeyPatch) -> None:
     # Whatever the batch's length: trials are handed to the core as results are taken.
-    monkeypatch.setattr("vsr2.simulation.native_trials.MAX_AHEAD", 5)
+    queue = "vsr2.simulation.native_trials.QUEUE"
+    monkeypatch.setattr(queue, replace(QUEUE, trials=5))
     asked: list[int] = []
     taken: list[int] = []
 
@@ -212,10 +213,8 @@ def test_a_slow_taker_bounds_what_the_core_holds(monkeypatch: pytest.MonkeyPatch
     reference = run_batch(trials)
     for limit in (5, 10**9):
         # The size of logs is a limit too; two trials a thread are always handed over.
-        monkeypatch.setattr("vsr2.simulation.native_trials.MAX_AHEAD", limit)
-        monkeypatch.setattr(
-            "vsr2.simulation.native_trials.MAX_AHEAD_BYTES", 2**40 if limit == 5 else 0
-        )
+        size = 2**40 if limit == 5 else 0
+        monkeypatch.setattr(queue, replace(QUEUE, trials=limit, bytes=size))
         asked.clear()
         taken.clear()
         rows: dict[int, dict[str, object]] = {}

@@ -50,6 +50,7 @@ from vsr2.diagnosis.simulated.nuisances import with_stated
 from vsr2.effects import check_study_effects, library
 from vsr2.errors import BlindError, Vsr2Error
 
+SUBMISSION_SCHEMA = "vsr2.blind-submission/1"
 SUBMISSION = "submission.json"
 BUDGET, EXECUTION = Budget(campaigns=2000), Execution()
 
@@ -356,7 +357,7 @@ def _excluded(data: Path, entry: Listed, say: Say) -> tuple[str, ...]:
 
 
 def _submission(pack: Pack, how: Mapping[str, Any]) -> dict[str, Any]:
-    return {"schema": "vsr2.blind-submission/1", "pack": pack.commitment.sha256, **how}
+    return {"schema": SUBMISSION_SCHEMA, "pack": pack.commitment.sha256, **how}
 
 
 def _older(out: Path, pack: Pack, how: Mapping[str, Any]) -> str:

@@ -28,7 +28,9 @@ MAX_TRIALS = 100_000
 MAX_SERIES_ROWS = 2_000_000
 """Most rows of one series."""
 MAX_ORDER = 1_000_000_000
+"""Of a trial's order of execution."""
 MAX_NOTE = 1000
+"""Of a trial's note [characters]."""
 MAX_TIME = 1e5
 """Of a series [s]; more is a mistaken unit."""
 MAX_YAW, MAX_POSITION = 100.0, 1000.0
@@ -394,13 +396,15 @@ class Campaign(OneLine):
         return len(self.trials)
 
     @property
-    def summary(self) -> str:
+    def facts(self) -> Mapping[str, object]:
         """Its name, information, trials, ground motions and how many overturned."""
-        return (
-            f"{self.name!r}, tier {self.tier}, {len(self)} trials of "
-            f"{len(set(self.motion_ids))} ground motions, {int(np.nansum(self.overturned))} "
-            "overturned"
-        )
+        return {
+            "name": self.name,
+            "tier": self.tier,
+            "trials": len(self),
+            "motions": len(set(self.motion_ids)),
+            "overturned": int(np.nansum(self.overturned)),
+        }
 
     @property
     def tier(self) -> Tier:

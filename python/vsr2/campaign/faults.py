@@ -10,6 +10,7 @@ import numpy as np
 from vsr2.config.problems import shown
 
 MAX_TEXT = 200
+"""Of a name or a description [characters]."""
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
 _EXTRA = re.compile(r"x_[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
 

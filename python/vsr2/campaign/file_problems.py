@@ -8,6 +8,7 @@ MAX_PROBLEMS = 200
 """More are counted but not kept: one slip in a column repeats in every row."""
 
 _LISTED = 20
+"""Problems that an error names."""
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,9 @@ from vsr2.campaign.campaign import Campaign
 from vsr2.errors import CampaignError
 
 _MAX_PASSES = 20
+"""Over all groups, to even the folds out; bounds the time."""
 MAX_REPLICATES = 100_000
+"""Of a bootstrap; bounds its memory."""
 
 
 def motion_folds(campaign: Campaign, folds: int = 10, seed: int = 0) -> NDArray[np.int64]:

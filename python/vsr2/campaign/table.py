@@ -17,8 +17,11 @@ from vsr2.config.problems import shown
 MAX_TABLE_BYTES = 64 * 1024**2
 """Greater files are refused unread."""
 MAX_ROWS = 100_000
+"""Of a table; bounds its memory."""
 MAX_COLUMNS = 300
+"""Of a table; bounds its memory."""
 MAX_CELL = 1000
+"""Longest cell [characters]."""
 
 _NUMBER = re.compile(r"[-+]?(?:[0-9]{1,40}\.?[0-9]{0,40}|\.[0-9]{1,40})(?:[eE][-+]?[0-9]{1,4})?\Z")
 _INTEGER = re.compile(r"[-+]?[0-9]{1,18}\Z")

@@ -7,6 +7,7 @@ if TYPE_CHECKING:
     from types import FrameType
 
 INTERRUPTED, TERMINATED = 130, 143
+"""Exit codes, 128 plus the number of SIGINT and of SIGTERM."""
 
 
 def program() -> int:

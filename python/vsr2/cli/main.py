@@ -98,7 +98,9 @@ def _install_completion(shell: Shell, /) -> int:
     Args:
         shell: that is to complete
     """
-    print(f"wrote {app.install_completion(shell=shell)}; a new shell reads it")
+    from vsr2.report.messages.commands import completion_installed
+
+    print(completion_installed(app.install_completion(shell=shell)))
     return 0
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from cyclopts import App
 
 if TYPE_CHECKING:
-    from vsr2.effects import Effect, Parameter
+    from vsr2.effects import Effect
 
 verbs = App(
     name="effects",
@@ -49,32 +48,13 @@ def show(name: str, /) -> int:
         name: of an effect
     """
     from vsr2.effects import effect
-    from vsr2.report.messages.commands import engine_fast
+    from vsr2.report.messages.commands import effect_text, engine_fast
     from vsr2.simulation.effect_checks import EffectChecker
 
     one = effect(name)
-    print(f"{one.name}: {one.meaning}.")
-    print(f"stage: {one.stage}")
-    for parameter in one.parameters:
-        unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
-        second = "; has no effect on its own" if parameter.secondary else ""
-        print(f"parameter {parameter.name}{unit}: {parameter.meaning}")
-        print(f"  prior {parameter.range_text}; none given: {_null(parameter)}{second}")
-    print(f"touches: {', '.join(one.channels)}")
-    if one.confounded_with:
-        print(f"confounded with: {', '.join(one.confounded_with)}")
-    if one.source:
-        print(f"source: {one.source}")
+    print(effect_text(one))
     print(engine_fast(EffectChecker().fast_refusal(one)))
     return 0
-
-
-def _null(parameter: Parameter) -> str:
-    if math.isnan(parameter.null):
-        return "as in the study"
-    if parameter.choices:
-        return parameter.choices[int(parameter.null)]
-    return f"{parameter.null:g}"
 
 
 @verbs.command

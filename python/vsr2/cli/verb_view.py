@@ -31,6 +31,7 @@ def view(
         port: this one, or the next that is free
         out: write a self-contained page into this .html file
     """
+    from vsr2.report.messages.commands import replay_at
     from vsr2.view import ReplayServer, write_page
 
     if out is not None:
@@ -39,7 +40,7 @@ def view(
             print(f"wrote {page}")
         return 0
     with ReplayServer(result, trial=trial, host=host, port=port) as server:
-        print(f"replay at {server.url} (Ctrl-C ends it)", flush=True)
+        print(replay_at(server.url), flush=True)
         try:
             server.wait()
         except KeyboardInterrupt:

@@ -19,7 +19,9 @@ DRIVE_MODES: tuple[DriveMode, ...] = get_args(DriveMode)
 """How the pedestal follows its set-points, in studies and trials."""
 
 MAX_GRID_TRIALS = 1_000_000
+"""Of a grid of cosines."""
 MIN_STEPS_A_PERIOD = 10
+"""Time steps a period of a cosine has at least, so that its samples show it."""
 
 
 class Range(Section):

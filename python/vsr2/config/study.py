@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from os import PathLike
-from typing import Annotated, Any, Literal, Self
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
 
 from pydantic import (
     Field,
@@ -20,6 +20,7 @@ from pydantic import (
     model_validator,
 )
 
+from vsr2._native import EngineKind
 from vsr2.config import sources as of
 from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, MotionSource, shortest_period
 from vsr2.config.section import (
@@ -42,9 +43,11 @@ from vsr2.config.study_effects import Effects
 
 MAX_SWEEPS_A_STEP = 1_000_000
 """Most solver sweeps of one time step: some tenths of a second."""
-EngineMode = Literal["auto", "parity", "exact", "fast"]
-"""The engines of the core, `_native.EngineKind`, as type checkers read them; a test holds them
-equal."""
+if TYPE_CHECKING:
+    EngineMode = str
+else:
+    EngineMode = Literal[tuple(EngineKind.__members__)]
+    """The engines of the core, which lists them."""
 InertiaRule = Literal["file", "mesh", "aabb"]
 """Where mass and inertia of a URDF come from."""
 
@@ -54,10 +57,10 @@ class Engine(Section):
 
     mode: EngineMode = "auto"
     """`parity`: Bullet's own code, bit-identical on the same machine with PyBullet whose bodies
-    `createMultiBody` made, not `loadURDF`; `exact`: the same bits, in about half the time; `fast`:
-    the same model in a stepper of our own for one convex rock on a prism's flat top, whose contacts
-    are solved to the end unless `converged_contacts` is false, then equal to rounding (which a
-    chaotic response enlarges within seconds); `auto`: `fast` where it takes the scene, else
+    `createMultiBody` made, not `loadURDF`. `exact`: the same bits, in about half the time. `fast`:
+    the same model in a stepper of our own, for one convex rock on a prism's flat top. It solves
+    contacts to the end; with `converged_contacts: false` it equals `exact` to rounding, which a
+    chaotic response enlarges within seconds. `auto`: `fast` where it takes the scene, else
     `exact`."""
     gravity: Annotated[float, Strict(), Field(gt=0, le=1000), of.GRAVITY] = 9.81
     """Acceleration of gravity, downwards [m/s^2]."""
@@ -153,8 +156,8 @@ class MeshPedestal(_Pedestal):
     """Factor on the mesh's coordinates."""
     collision: Literal["hull", "decomposition", "triangles"] = "decomposition"
     """`hull`: convex hull (a pedestal without hollows); `decomposition`: several hulls (hollows);
-    `triangles`: the exact moving surface (fine relief; a rock on many small triangles trembles by
-    some mm/s, so raise the rest speeds of `settling` with it)."""
+    `triangles`: the exact moving surface (fine relief). A rock on many small triangles trembles by
+    some mm/s, so raise the rest speeds of `settling` with them."""
 
 
 class FixedStart(Section):

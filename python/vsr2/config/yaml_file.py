@@ -28,7 +28,9 @@ from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.errors import ConfigError
 
 MAX_BYTES = 1_000_000
+"""Greater files are refused unread."""
 MAX_DEPTH = 20
+"""Of nested values, before Python's own limit of recursion."""
 MAX_VALUES = 20_000
 """Counted after aliases are followed, which is what bounds a bomb of nested aliases."""
 

@@ -12,6 +12,7 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.corrected import with_correction, write_corrected
+from vsr2.diagnosis.observed.features import Sampling
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
 from vsr2.diagnosis.pipeline import Question, Report, diagnose_with
 from vsr2.diagnosis.protocol_cache import ProtocolCache
@@ -144,20 +145,38 @@ def scene_simulator(
     Raises:
         DiagnosisError: it leaves no effect to look for.
     """
-    cache = execution.cache
-    simulator = SceneSimulator(
-        seen.campaign,
-        study,
-        hypotheses=hypotheses,
-        series=seen.tier == "T" or (cache is not None and cache.series),
-        sampling=None if cache is None else cache.sampling,
-        threads=execution.threads,
-        client=execution.client,
-        seed=seed,
+    simulator = simulator_of(
+        seen.campaign, study, hypotheses, execution, seed, series=seen.tier == "T"
     )
     if not set(simulator.library) - set(simulator.excluded):
         raise DiagnosisError("no effect is left to look for: exclude fewer")
     return simulator
+
+
+def simulator_of(
+    campaign: Campaign,
+    study: Study,
+    hypotheses: Hypotheses,
+    execution: Execution,
+    seed: int,
+    *,
+    series: bool = False,
+) -> SceneSimulator:
+    """Simulator of a campaign's trials; `series`: with those of the tilt, though no cache asks."""
+    cache = execution.cache
+    if cache is not None and (series or cache.series):
+        series_of: bool | Sampling = cache.sampling or True
+    else:
+        series_of = series
+    return SceneSimulator(
+        campaign,
+        study,
+        hypotheses=hypotheses,
+        series=series_of,
+        threads=execution.threads,
+        client=execution.client,
+        seed=seed,
+    )
 
 
 def made_folder(folder: Path) -> Path:

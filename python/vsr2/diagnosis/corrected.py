@@ -245,16 +245,18 @@ def write_draws(found: Diagnosis, study: Study, folder: Path, draws: int) -> lis
     paths = []
     for k, scene in enumerate(scenes):
         paths.append(below / f"draw_{k:03d}.yaml")
-        head = f"# Draw {k + 1} of {draws} of the posterior.\n"
+        head = scene_head({"posterior_draw": k + 1, "posterior_draws": draws})
         write_text(paths[-1], head + dump_study(scene, relative_to=below))
     return paths
 
 
+def scene_head(facts: Mapping[str, object]) -> str:
+    """What a written scene is, as a comment: one name with its value a line."""
+    return "".join(f"# {name}: {value}\n" for name, value in facts.items())
+
+
 def _comment(found: Diagnosis) -> str:
-    corrected = found.content["corrected"]
-    names = list(corrected["effects"])
-    head = f"# Corrected for {', '.join(names)}, at the posterior mean.\n"
-    for finding in findings_of(found):
-        if len(finding) > 1:
-            head += f"# One of {', '.join(finding)} acts; the first is taken.\n"
-    return head
+    equivalent = [" or ".join(finding) for finding in findings_of(found) if len(finding) > 1]
+    facts = {"corrected_for": ", ".join(found.content["corrected"]["effects"])}
+    facts["values"] = "posterior_mean"
+    return scene_head(facts | ({"equivalent": ", ".join(equivalent)} if equivalent else {}))

@@ -17,7 +17,7 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import BUDGET, Execution, diagnose, made_folder
 from vsr2.diagnosis.budget import SCHEDULE, Budget
-from vsr2.diagnosis.corrected import CORRECTED_FILE, DRAWS_FOLDER, corrected_study
+from vsr2.diagnosis.corrected import CORRECTED_FILE, DRAWS_FOLDER, corrected_study, scene_head
 from vsr2.diagnosis.posterior_check import CHECK_FILES
 from vsr2.diagnosis.protocol_cache import POSTERIORS, SIMULATIONS
 from vsr2.diagnosis.simulated.cache import own_code
@@ -111,7 +111,7 @@ class Iteration:
         path = folder / CORRECTED_FILE
         path.unlink(missing_ok=True)
         if self.scene.effects != self.rounds[0].scene.effects:
-            head = f"# Corrected in {len(self.rounds)} rounds of diagnosis.\n"
+            head = scene_head({"rounds_of_diagnosis": len(self.rounds)})
             write_text(path, head + dump_study(self.scene, relative_to=folder))
         write_text(folder / ITERATION_FILE, json.dumps(self.to_json(), indent=2) + "\n")
 

@@ -55,7 +55,7 @@ CHECK_TABLES = (
 )  # fmt: skip
 CHECK_FILES = (CHECK_FILE, CHECK_FIGURE, *CHECK_TABLES)
 CHUNK = 25
-"""Planted campaigns that are simulated between two reports."""
+"""Planted campaigns that are simulated between two reports of progress; no result depends on it."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -73,11 +73,9 @@ class PosteriorCheck(OneLine):
     provenance: Mapping[str, Any]
 
     @property
-    def summary(self) -> str:
-        """How much was planted, and how many true causes the 90 % sets hold."""
-        return (
-            f"{len(self.judged)} planted, 90 % sets of causes hold {self.scores.causes.value:.2f}"
-        )
+    def facts(self) -> Mapping[str, object]:
+        """How many were planted, and the share of true causes that the 90 % sets hold."""
+        return {"planted": len(self.judged), "causes_held": self.scores.causes.value}
 
     def to_json(self) -> str:
         """`posterior_check.json`; numbers that do not exist are null."""

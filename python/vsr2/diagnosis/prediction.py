@@ -33,7 +33,7 @@ from vsr2.analysis.probability import (
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, load_study
-from vsr2.diagnosis.api import EXECUTION, Execution, made_folder
+from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
 from vsr2.diagnosis.constants import effect_constants
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
@@ -348,17 +348,7 @@ class _Runs:
     identities: list[str] = field(default_factory=list)
 
     def _simulator(self, campaign: Campaign, study: Study) -> SceneSimulator:
-        cache = self.execution.cache
-        return SceneSimulator(
-            campaign,
-            study,
-            hypotheses=self.hypotheses,
-            series=cache is not None and cache.series,
-            sampling=None if cache is None else cache.sampling,
-            threads=self.execution.threads,
-            client=self.execution.client,
-            seed=self.seed,
-        )
+        return simulator_of(campaign, study, self.hypotheses, self.execution, self.seed)
 
     def check(self) -> None:
         """Refuse a scene that cannot be built or have its effects, before any is simulated."""

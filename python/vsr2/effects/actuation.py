@@ -25,7 +25,7 @@ from vsr2.errors import ConfigError, MotionError
 from vsr2.motion import SideMotion, band_pass
 from vsr2.motion.processing import Kinematics, differentiate
 from vsr2.motion.resample import resample
-from vsr2.motion.study_motions import CROSSOVER_ORDER, Recorded
+from vsr2.motion.study_motions import RECORDED, Recorded
 from vsr2.trial import Trial
 
 
@@ -160,7 +160,7 @@ class InputChannel(Effect):
     of its own, log-uniform over its range, where all trials have both records.
 
     `low_gain` multiplies what is slower than `low_corner` by 1 + low_gain, `high_gain` what is
-    faster than `high_corner` by 1 + high_gain; the gain is 1 + low_gain L(f / low_corner) +
+    faster than `high_corner` by 1 + high_gain. The gain is 1 + low_gain L(f / low_corner) +
     high_gain (1 - L(f / high_corner)) with L(r) = 1 / (1 + r^4), without delay. Gains act on any
     motion, those of one record or none too. All of this comes before all else that is done to the
     motion.
@@ -269,7 +269,7 @@ def _below(signal: Array, corner: float, step: float) -> Array:
     """What is slower than a corner [Hz], without delay: gain 1 / (1 + (f / fc)^4)."""
     if corner >= 0.5 / step:
         return signal
-    return band_pass(signal, step, Filter(low=0.0, high=corner, order=CROSSOVER_ORDER))
+    return band_pass(signal, step, Filter(low=0.0, high=corner, order=RECORDED.crossover_order))
 
 
 def _from_record(
@@ -454,8 +454,8 @@ class TableSaturation(Effect):
 class TableResonance(Effect):
     """A soft table.
 
-    y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0, solved exactly. Its gain at the frequency is sqrt(1
-    + 1 / (4 zeta^2)), which sets zeta; amplification 1 is a rigid table.
+    The table obeys y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0, solved exactly. Its gain at the
+    frequency is sqrt(1 + 1 / (4 zeta^2)), which sets zeta; amplification 1 is a rigid table.
     """
 
     name = "table_resonance"

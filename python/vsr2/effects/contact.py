@@ -28,10 +28,10 @@ class ContactStiffness(Effect):
     """Softer or harder contact.
 
     Sinking at rest is m g / (n k) on n points; at three decades below the supplement's values some
-    0.1 to 0.7 mm. On so soft a contact a hull trembles at rest (at 80 Hz by some mrad/s and
-    micrometres, at a time step of 1 ms), as Bullet's choice of contact points changes; so the
-    speeds below which a rock counts as at rest before the motion are at least 10^(-decades / 3)
-    times the default ones.
+    0.1 to 0.7 mm. On so soft a contact a hull trembles at rest, as Bullet's choice of contact
+    points changes: at 80 Hz by some mrad/s and micrometres, at a time step of 1 ms. So the speeds
+    below which a rock counts as at rest before the motion are at least 10^(-decades / 3) times the
+    default ones.
     """
 
     name = "contact_stiffness"

@@ -323,6 +323,7 @@ def _bump(tip: Array, up: Array, height: float) -> Hull:
 
 
 _QUARTERS = ((1.0, 0.0), (0.0, 1.0), (-1.0, 0.0), (0.0, -1.0))
+"""Directions in plan."""
 
 
 class BaseSlope(Effect):

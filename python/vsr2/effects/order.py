@@ -156,8 +156,8 @@ class Session(Step):
 
     The step comes before the session that the data choose, as a change point does, all sessions
     being counted as equally long; with one session only, between two trials. What steps is what a
-    pause may change: the specimen is put back turned beside its marks, or upon another part of its
-    base; a surface is cleaned or dusty; the table is tuned or calibrated again. Takes the
+    pause may change. The specimen is put back turned beside its marks, or upon another part of its
+    base. A surface is cleaned or dusty. The table is tuned or calibrated again. Takes the
     parameters of `registration`, `com_offset`, `slenderness`, `friction` and `table_gain`, under
     the names of both, each at its own place in the order of application. The offset and the change
     of slenderness have no prior, since a lean has the first and `change_point` the second; a study

@@ -24,7 +24,7 @@ class Registration(Effect):
     a small one acts like a motion across the shaking. Then the rock leans: its mass centre and
     principal axes turn about the foot, the point of the base under the mass centre. The contact
     shape stays. A wrong vertical of a scan that is whole would change nothing, for the rock settles
-    on the same facet; but nobody scans the underside of a rock that stands, and what closes the
+    on the same facet. But nobody scans the underside of a rock that stands, and what closes the
     mesh there is made after the scan's vertical. So the lean is that of the rock upon its real
     base. It settles on the facet that then lies under its mass centre. Uplift towards the lean
     begins at a = g (b - h sin(lean)) / (h cos(lean)). Where the inertia is that of the box around

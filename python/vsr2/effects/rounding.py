@@ -47,6 +47,7 @@ class RoundingConstants:
 
 ROUNDING = RoundingConstants()
 _SAME = 1e-9
+"""Components of unit vectors below this are 0."""
 
 
 def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | None = None) -> Array:

@@ -34,6 +34,7 @@ class SupportConstants:
 
 SUPPORT = SupportConstants()
 _UPRIGHT = 1e-6
+"""Guard against rounding."""
 
 
 class SupportRegion(Effect):
@@ -46,9 +47,9 @@ class SupportRegion(Effect):
     `smoothing`: points of the base zone, lower than 1.5 % of the mass centre's height, move
     vertically by this much at most towards the quadric that fits them best. `flat`: the rock stands
     on the hull's section at this height instead of three points. `shrink`: the sides and the
-    underside are eroded by a level disc of this radius, so that every edge of the base moves in by
-    it, or out where it is negative; uplift begins at a = g (b - shrink) / h. `rim`: what is left is
-    opened by a ball, as in `edge_rounding`, which rounds the scan and not its flat; uplift begins
+    underside are eroded by a level disc of this radius. So every edge of the base moves in by it,
+    or out where it is negative. Uplift begins at a = g (b - shrink) / h. `rim`: what is left is
+    opened by a ball, as in `edge_rounding`, which rounds the scan and not its flat. Uplift begins
     at a = g (b - shrink - rim) / h. A box stands on a face already: `smoothing` and `flat` do not
     change it, with `shrink` it stays a box, with `rim` it becomes a hull. A rock whose mass centre
     is no longer above its base falls before the motion.

@@ -39,7 +39,7 @@ from vsr2.fragility.settings import FIT
 Array = NDArray[np.float64]
 
 _CHUNK = 500
-"""Intensities whose curves are drawn at once."""
+"""Intensities whose curves are drawn at once: bounds the memory; no result depends on it."""
 
 
 @dataclass(frozen=True)

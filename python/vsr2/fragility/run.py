@@ -55,12 +55,13 @@ class FragilityResult(OneLine):
     provenance: Mapping[str, Any] = field(default_factory=dict)
 
     @property
-    def summary(self) -> str:
-        """Trials, how many overturned, and the measures."""
-        return (
-            f"{len(self.batch)} trials, {int(self.overturned.sum())} overturned, curves over "
-            f"{', '.join(self.curves)}"
-        )
+    def facts(self) -> Mapping[str, object]:
+        """Trials, how many overturned, and the measures that have a curve."""
+        return {
+            "trials": len(self.batch),
+            "overturned": int(self.overturned.sum()),
+            "curves": list(self.curves),
+        }
 
     @property
     def overturned(self) -> NDArray[np.bool_]:

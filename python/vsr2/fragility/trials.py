@@ -18,6 +18,7 @@ from vsr2.scene.rotation import multiply, normalized
 from vsr2.trial import Trial, rows_only
 
 MAX_TRIALS = 1_000_000
+"""Of one fragility study."""
 
 
 @dataclass(frozen=True)

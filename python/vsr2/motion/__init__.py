@@ -36,14 +36,13 @@ from vsr2.motion.study_motions import (
     build_recorded_motion,
     warn_of_unusual_pga,
 )
-from vsr2.motion.synthetic import SYNTHETIC_INTERVAL, shaped_noise, synthetic_motion
+from vsr2.motion.synthetic import shaped_noise, synthetic_motion
 from vsr2.motion.two_components import rotated, rotd, rotd_pga_g
 from vsr2.motion.units import STANDARD_GRAVITY
 
 __all__ = [
     "SIDES",
     "STANDARD_GRAVITY",
-    "SYNTHETIC_INTERVAL",
     "Channel",
     "ChannelNoise",
     "FusedMotion",

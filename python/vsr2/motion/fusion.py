@@ -35,9 +35,6 @@ from vsr2.motion.motion import Array
 from vsr2.motion.processing import PROCESSING, Kinematics, remove_baseline, rest_level
 from vsr2.motion.record import Record
 
-BANDS = ((0.1, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 25.0))
-"""Bands of :func:`input_uncertainty` [Hz]."""
-
 
 @dataclass(frozen=True)
 class FusionConstants:
@@ -57,6 +54,7 @@ class FusionConstants:
         fewest_shaking: samples that count as shaking; of fewer, all of the record's do.
         most_persistence: of a channel's noise: beyond it, noise is a drift.
         most_share: of the autoregressive part in it: some of it is white.
+        bands: of :func:`input_uncertainty` [Hz].
     """
 
     rest_window: float = 0.5
@@ -70,6 +68,9 @@ class FusionConstants:
     fewest_shaking: int = 16
     most_persistence: float = 0.99
     most_share: float = 0.98
+    bands: tuple[tuple[float, float], ...] = (
+        (0.1, 0.5), (0.5, 1.0), (1.0, 2.0), (2.0, 4.0), (4.0, 8.0), (8.0, 12.0), (12.0, 25.0),
+    )  # fmt: skip
 
 
 FUSION = FusionConstants()
@@ -247,7 +248,7 @@ def fuse(
 
 
 def input_uncertainty(
-    record: Record, bands: tuple[tuple[float, float], ...] = BANDS
+    record: Record, bands: tuple[tuple[float, float], ...] = FUSION.bands
 ) -> InputUncertainty:
     """Compare the accelerometer with the twice-differentiated displacement, band by band.
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
@@ -148,12 +149,10 @@ class Motion(OneLine, ReadOnlyArrays):
         return hash(self.sha256)
 
     @property
-    def summary(self) -> str:
-        """Its name and kind, length, PGA and PGV."""
-        return (
-            f"{self.name!r}, {self.kind}, {self.duration:.4g} s at {self.time_step:g} s, PGA "
-            f"{self.pga_g:.4g} g, PGV {self.pgv:.4g} m/s"
-        )
+    def facts(self) -> Mapping[str, object]:
+        """Its name and kind, length and time step [s], PGA [g] and PGV [m/s]."""
+        names = ("name", "kind", "duration", "time_step", "pga_g", "pgv")
+        return {name: getattr(self, name) for name in names}
 
     @classmethod
     def from_acceleration(

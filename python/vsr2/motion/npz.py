@@ -16,6 +16,7 @@ from vsr2.errors import Vsr2Error
 from vsr2.motion.motion import Array
 
 _MAX_ARRAYS = 20
+"""Of one file; more is no record."""
 
 
 class NpzError(Vsr2Error):

@@ -22,6 +22,7 @@ from vsr2.motion.text_table import MAX_LINE, text_lines
 from vsr2.motion.units import UNITS, Quantity, require_units, unit_in
 
 _HEADER_LINES = 20
+"""Among which the line with NPTS and DT is sought."""
 _REAL = r"(?:\d{1,20}\.?\d{0,20}|\.\d{1,20})(?:[EeDd][+-]?\d{1,3})?"
 _COUNT_FIRST = re.compile(rf"^\s*(\d{{1,9}})\s+({_REAL})\s+NPTS\s*,\s*DT\b", re.IGNORECASE)
 _NAMED = re.compile(rf"NPTS\s*=\s*(\d{{1,9}})\s*,?\s*DT\s*=\s*({_REAL})", re.IGNORECASE)

@@ -69,6 +69,7 @@ _LABORATORY = {
     "acceleration_g": ("acceleration", -STANDARD_GRAVITY),
 }
 _LABORATORY_COLUMNS = 8
+"""Of a row in the laboratory's files."""
 _LABORATORY_START = "Time [s]"
 _SUFFIXES: dict[str, RecordFormat] = {
     ".csv": "csv",

@@ -21,10 +21,21 @@ from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES, Array
 from vsr2.motion.processing import Kinematics
 
-DEGREE = 5
-"""Of the interpolating spline."""
-ALIASING_TOLERANCE = 0.01
-"""Share of the peak velocity that may lie above the new Nyquist frequency."""
+
+@dataclass(frozen=True)
+class ResampleConstants:
+    """How a record is brought to another time step; chosen by hand.
+
+    Attributes:
+        degree: of the interpolating spline, whose second derivative, the acceleration, is smooth.
+        aliasing: share of the peak velocity that may lie above the new Nyquist frequency.
+    """
+
+    degree: int = 5
+    aliasing: float = 0.01
+
+
+RESAMPLE = ResampleConstants()
 MIN_RECORD_SAMPLES = 16
 """Fewer leave no quintic spline through every second sample."""
 
@@ -121,7 +132,7 @@ def _spline(values: Array, step: int = 1) -> Any:
     from scipy.interpolate import make_interp_spline
 
     knots = np.arange(0, values.size, step)
-    return make_interp_spline(knots.astype(np.float64), values[knots], k=DEGREE)
+    return make_interp_spline(knots.astype(np.float64), values[knots], k=RESAMPLE.degree)
 
 
 def _left_out_error(values: Array) -> tuple[float, float]:
@@ -141,7 +152,7 @@ def _refuse_aliasing(velocity: Array, sample_interval: float, time_step: float, 
     spectrum[rfftfreq(length, sample_interval) < nyquist] = 0
     above = float(np.abs(irfft(spectrum, length)).max())
     peak = float(np.abs(velocity).max())
-    if above > ALIASING_TOLERANCE * peak:
+    if above > RESAMPLE.aliasing * peak:
         raise MotionError(
             f"{name}: sampled every {sample_interval:g} s, it has content above {nyquist:g} Hz, "
             f"the Nyquist frequency of the time step {time_step:g} s ({above / peak:.1%} of its "

@@ -40,14 +40,26 @@ MAX_MOTIONS = 100_000
 """Most motions of one study."""
 MAX_TOTAL_SAMPLES = 50_000_000
 """Most samples of all motions of one study together: 1.2 GB."""
-CROSSOVER_ORDER = 2
-"""Of the filters that join two records. White noise of the displacement then falls with frequency
-even in the second derivative, and a drift of the integrated acceleration with f^4."""
 
-STRONGEST_USUAL = 3.0
-"""PGA above which motions are looked at again [g]. One of the strongest on record, station IWTH25
-in the Iwate-Miyagi earthquake of 2008, has 3.9 g upwards and about 1.4 g horizontally (Aoi et al.
-2008, Science 322:727)."""
+
+@dataclass(frozen=True)
+class RecordedConstants:
+    """How records become motions.
+
+    Attributes:
+        crossover_order: of the filters that join two records. White noise of the displacement then
+            falls with frequency even in the second derivative, and a drift of the integrated
+            acceleration with f^4.
+        strongest_usual: PGA above which motions are looked at again [g]. One of the strongest on
+            record, station IWTH25 in the Iwate-Miyagi earthquake of 2008, has 3.9 g upwards and
+            about 1.4 g horizontally (Aoi et al. 2008, Science 322:727).
+    """
+
+    crossover_order: int = 2
+    strongest_usual: float = 3.0
+
+
+RECORDED = RecordedConstants()
 
 
 class MotionWarning(UserWarning):
@@ -55,14 +67,14 @@ class MotionWarning(UserWarning):
 
 
 def warn_of_unusual_pga(motions: Sequence[Motion]) -> None:
-    """Warn, as :class:`MotionWarning`, of motions above `STRONGEST_USUAL`."""
-    above = [motion for motion in motions if motion.pga_g > STRONGEST_USUAL]
+    """Warn, as :class:`MotionWarning`, of motions above `RECORDED.strongest_usual`."""
+    above = [motion for motion in motions if motion.pga_g > RECORDED.strongest_usual]
     if above:
         strongest = max(above, key=lambda motion: motion.pga_g)
         warnings.warn(
             f"motion {strongest.name!r}: PGA {strongest.pga_g:.4g} g; {len(above)} of "
-            f"{len(motions)} motions are above {STRONGEST_USUAL:g} g. Check units and scale; a "
-            "noisy displacement record needs a filter",
+            f"{len(motions)} motions are above {RECORDED.strongest_usual:g} g. Check units and "
+            "scale; a noisy displacement record needs a filter",
             MotionWarning,
             stacklevel=2,
         )
@@ -79,7 +91,7 @@ def build_motions(source: MotionSource, time_step: float) -> list[Motion]:
         time_step: of the simulation [s].
 
     Warns:
-        MotionWarning: a PGA above `STRONGEST_USUAL`.
+        MotionWarning: a PGA above `RECORDED.strongest_usual`.
 
     Raises:
         MotionError: a file cannot be used, no file matches, or there are more than `MAX_MOTIONS`
@@ -251,7 +263,7 @@ class Recorded:
             )
         slow, _ = self.through("displacement")._displacement()
         fast, _ = self.through("acceleration")._displacement()
-        low = Filter(low=0.0, high=crossover, order=CROSSOVER_ORDER)
+        low = Filter(low=0.0, high=crossover, order=RECORDED.crossover_order)
         apart = (slow - slow[0]) - fast
         joined = fast + band_pass(apart, record.sample_interval, low, name=record.label)
         how = f"displacement channel below {crossover:.12g} Hz, acceleration channel above"

@@ -19,15 +19,13 @@ from vsr2.motion.motion import MAX_SAMPLES, Array, Motion
 from vsr2.motion.record import Record
 from vsr2.motion.study_motions import build_recorded_motion
 
-SYNTHETIC_INTERVAL = 0.005
-"""Sampling interval at which the noise is shaped [s]."""
-
 
 @dataclass(frozen=True)
 class SyntheticConstants:
     """How noise is shaped and tuned; chosen by hand where no source is named.
 
     Attributes:
+        interval: of the samples at which the noise is shaped [s]: that of many records.
         ground_damping: of the ground, as a share of critical; Kanai (1957) and Tajimi (1960) give
             0.6 for firm ground.
         strongest: where the envelope is strongest, as a share of the record.
@@ -54,6 +52,7 @@ class SyntheticConstants:
         greatest_pga_g: [g].
     """
 
+    interval: float = 0.005
     ground_damping: float = 0.6
     strongest: float = 0.3
     envelope_power: int = 3
@@ -84,7 +83,7 @@ SYNTHETIC = SyntheticConstants()
 def shaped_noise(
     duration: float, ground_frequency: float, seed: int, *, low_pass: float = SYNTHETIC.low_pass
 ) -> Array:
-    """Displacement of arbitrary scale, every `SYNTHETIC_INTERVAL`, at rest at 0 at both ends.
+    """Displacement of arbitrary scale, every `SYNTHETIC.interval`, at rest at 0 at both ends.
 
     Args:
         duration: from the first to the last sample [s]; the envelope
@@ -93,15 +92,15 @@ def shaped_noise(
         seed: of the noise.
         low_pass: corner of the low-pass [Hz].
     """
-    count = round(duration / SYNTHETIC_INTERVAL) + 1
-    time = np.arange(count) * SYNTHETIC_INTERVAL
+    count = round(duration / SYNTHETIC.interval) + 1
+    time = np.arange(count) * SYNTHETIC.interval
     strongest = SYNTHETIC.strongest * duration
     envelope = (time / strongest * np.exp(1 - time / strongest)) ** SYNTHETIC.envelope_power
     noise = np.random.default_rng(seed).standard_normal(count) * envelope
 
     # zeros after the record, so that the filters do not wrap round
     length = max(8192, 2 ** math.ceil(math.log2(2 * count)))
-    frequency = np.fft.rfftfreq(length, SYNTHETIC_INTERVAL)
+    frequency = np.fft.rfftfreq(length, SYNTHETIC.interval)
     r2 = (frequency / ground_frequency) ** 2
     damping = (2 * SYNTHETIC.ground_damping) ** 2 * r2
     ground = np.sqrt((1 + damping) / ((1 - r2) ** 2 + damping))
@@ -195,12 +194,12 @@ def _tuned(
     """The motion of this noise, or None where its measures cannot be brought to those asked for."""
     total = SYNTHETIC.start_length * duration + SYNTHETIC.ramp
     for _ in range(SYNTHETIC.rounds):
-        if total / min(time_step, SYNTHETIC_INTERVAL) > MAX_SAMPLES:
+        if total / min(time_step, SYNTHETIC.interval) > MAX_SAMPLES:
             return None
         frequency = _ground_frequency(total, pgv_pga, seed)
         moved = _shaped(total, frequency, seed)
         motion = build_recorded_motion(
-            Record(label, SYNTHETIC_INTERVAL, displacement=moved / np.abs(moved).max()), time_step
+            Record(label, SYNTHETIC.interval, displacement=moved / np.abs(moved).max()), time_step
         ).scaled_to_pga_g(pga_g)
         reached = significant_duration(motion.acceleration, time_step)
         long_enough = abs(reached - duration) <= SYNTHETIC.duration_tolerance * duration
@@ -232,4 +231,4 @@ def _ground_frequency(duration: float, pgv_pga: float, seed: int) -> float:
 def _ratio(displacement: Array) -> float:
     """PGV/PGA [s], by differences: near enough to tune by, and cheap."""
     velocity = np.diff(displacement)
-    return float(np.abs(velocity).max() / np.abs(np.diff(velocity)).max()) * SYNTHETIC_INTERVAL
+    return float(np.abs(velocity).max() / np.abs(np.diff(velocity)).max()) * SYNTHETIC.interval

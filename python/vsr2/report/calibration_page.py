@@ -31,6 +31,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLUMNS = 3
+"""Panels beside each other."""
 
 
 def write_calibration_report(result: CalibrationResult, folder: str | Path) -> list[Path]:

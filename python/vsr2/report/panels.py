@@ -3,18 +3,17 @@
 from __future__ import annotations
 
 import io
-import re
 import warnings
 from collections.abc import Callable, Mapping, Sequence
 from functools import partial
-from html import escape
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
-from urllib.parse import quote, unquote
+from xml.etree import ElementTree
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.report.text import printable
 from vsr2.results import FIGURE_FOLDER
 from vsr2.results.atomic import make_folder, write_atomic, write_text
 
@@ -26,6 +25,10 @@ if TYPE_CHECKING:
 REPORT = "report.md"
 _SVG_METADATA = ("Creator", "Date", "Format", "Type")
 """Left out of drawings: the time among them would change their bytes."""
+_SVG = "http://www.w3.org/2000/svg"
+_TOOLTIP = "tooltip-"
+ElementTree.register_namespace("", _SVG)
+ElementTree.register_namespace("xlink", "http://www.w3.org/1999/xlink")
 
 
 def sheet(rows: int, columns: int, size: tuple[float, float]) -> tuple[Figure, Any]:
@@ -74,8 +77,7 @@ def scale_axis(panel: Axes, which: str) -> None:
 
 def tooltip(artist: Artist, text: str) -> None:
     """Text that a browser shows where the pointer rests on a mark of :func:`svg`."""
-    # In the drawing's code, where any text is no more than letters.
-    artist.set_gid(f"tooltip-{quote(text)}")
+    artist.set_gid(f"{_TOOLTIP}{printable(text)}")
 
 
 def svg(figure: Figure, meaning: str) -> str:
@@ -90,16 +92,18 @@ def svg(figure: Figure, meaning: str) -> str:
     file = io.StringIO()
     with matplotlib.rc_context({"svg.hashsalt": "vsr2", "svg.fonttype": "none"}):
         figure.savefig(file, format="svg", metadata=dict.fromkeys(_SVG_METADATA))
-    text = file.getvalue()
-    text = text[text.index("<svg ") :]
+    root = ElementTree.fromstring(file.getvalue())
     # Without a size of its own it is as wide as its column.
-    text = re.sub(r' (?:width|height)="[\d.]+pt"', "", text, count=2)
-    text = re.sub(
-        r'<g id="tooltip-(.*?)">', lambda m: f"<g><title>{escape(unquote(m[1]))}</title>", text
-    )
-    # Names of groups would stand twice in a page of several figures.
-    text = text.replace("<svg ", f'<svg role="img" aria-label="{escape(meaning)}" ', 1)
-    return re.sub(r'<g id="[^"]*"', "<g", text)
+    del root.attrib["width"], root.attrib["height"]
+    root.attrib |= {"role": "img", "aria-label": meaning}
+    for group in root.iter(f"{{{_SVG}}}g"):
+        # Names of groups would stand twice in a page of several figures.
+        name = group.attrib.pop("id", "")
+        if name.startswith(_TOOLTIP):
+            title = ElementTree.Element(f"{{{_SVG}}}title")
+            title.text = name.removeprefix(_TOOLTIP)
+            group.insert(0, title)
+    return ElementTree.tostring(root, encoding="unicode")
 
 
 def save_figure(

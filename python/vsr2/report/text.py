@@ -16,6 +16,7 @@ from vsr2.report.messages.runs import (
     time_spent,
     trial_end,
 )
+from vsr2.report.messages.templates import counted
 from vsr2.results import OUTCOMES, STATUSES, BatchResult
 
 MAX_FAILURES = 10
@@ -33,7 +34,7 @@ def printable(text: object) -> str:
 def summary_table(result: BatchResult) -> str:
     """Counts of outcomes, statuses and engines, why trials failed, timing."""
     count = len(result)
-    lines = [f"{count} trial{'' if count == 1 else 's'}", "", "outcome"]
+    lines = [counted(count, "trial"), "", "outcome"]
     lines += _counts(result["outcome"], OUTCOMES, count, dict.fromkeys(OUTCOMES, ""))
     lines += ["", "status"]
     lines += _counts(result["status"], STATUSES, count, STATUS_MEANING)

@@ -15,6 +15,7 @@ from vsr2.errors import ResultError
 from vsr2.results.result import INTEGER_COLUMNS, OUTCOMES, STATUSES, TEXT_COLUMNS, TRIAL_COLUMNS
 
 _MAX_TEXT_FILE = 2**31
+"""Greatest table that is read [byte]."""
 _BLOCK = 4096
 """Rows that are made into text at once: as text a row takes ten times its memory."""
 

@@ -12,38 +12,44 @@ from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.errors import ResultError
-from vsr2.results.result import (
-    TEXT_COLUMNS,
-    TRIAL_COLUMNS,
-    TRIAL_NAMES,
-    TRIAL_UNITS,
-    BatchResult,
-)
-from vsr2.results.trial_log import ANGULAR_VELOCITY, VELOCITY
+from vsr2.results.result import TEXT_COLUMNS, TRIAL_COLUMNS, BatchResult
+from vsr2.results.trial_log import ANGULAR_VELOCITY, POSITION, STATE_COLUMNS, VELOCITY
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
-_STATE_UNITS = dict(_native.state_columns())
-_SERIES: dict[str, tuple[str, str]] = {
-    "commanded_position": ("m", "set-point of the pedestal's position along x"),
-    "commanded_velocity": ("m/s", "set-point of the pedestal's velocity along x"),
-    "pedestal_position": ("m", "position of the pedestal along x"),
-    "pedestal_velocity": ("m/s", "velocity of the pedestal along x"),
-    "tilt": ("rad", "angle from the settled vertical"),
-    "turn": ("rad", "turn about the vertical from the settled pose"),
+_UNITS = tuple(unit for _, unit in _native.state_columns())
+"""Of the columns of `TrialLog.state`."""
+_LOGGED: dict[str, str] = {
+    "time": "time from the start of the motion",
+    "commanded_position": "set-point of the pedestal's position along x",
+    "commanded_velocity": "set-point of the pedestal's velocity along x",
+    "pedestal_position": "position of the pedestal along x",
+    "pedestal_velocity": "velocity of the pedestal along x",
 }
-"""Unit and meaning of what has one number a step."""
-_VECTORS: dict[str, tuple[str, str, str]] = {
-    "position": ("axis", "m", "mass centre in the world"),
-    "orientation": ("quaternion", "1", "orientation of the model frame"),
-    "roll_pitch_yaw": ("angle", "rad", "angles of the model frame about the fixed axes x, y, z"),
-    "slip": ("horizontal", "m", "travel of the foot relative to the pedestal"),
-    "velocity": ("axis", "m/s", "velocity of the mass centre"),
-    "angular_velocity": ("axis", "rad/s", "angular velocity in the world"),
+"""Meaning of columns of the log; `time` is a coordinate."""
+_LOGGED_VECTORS: dict[str, tuple[slice, str]] = {
+    "position": (POSITION, "mass centre in the world"),
+    "velocity": (VELOCITY, "velocity of the mass centre"),
+    "angular_velocity": (ANGULAR_VELOCITY, "angular velocity in the world"),
 }
-"""Dimension, unit and meaning of what has several."""
+"""Columns and meaning of vectors in the log, along x, y, z."""
+_DERIVED: dict[str, tuple[tuple[str, ...], str, str]] = {
+    "tilt": ((), "rad", "angle from the settled vertical"),
+    "turn": ((), "rad", "turn about the vertical from the settled pose"),
+    "orientation": (("quaternion",), "1", "orientation of the model frame"),
+    "roll_pitch_yaw": (("angle",), "rad", "angles of the model frame about the fixed x, y, z"),
+    "slip": (("horizontal",), "m", "travel of the foot relative to the pedestal"),
+}
+"""Further dimension, unit and meaning of what is drawn from the log."""
+_COMPONENTS = {
+    "axis": ["x", "y", "z"],
+    "quaternion": ["x", "y", "z", "w"],
+    "angle": ["roll", "pitch", "yaw"],
+    "horizontal": ["x", "y"],
+}
+"""Coordinates of the dimensions beside trial and step."""
 
 
 def to_xarray(result: BatchResult) -> xarray.Dataset:
@@ -68,19 +74,9 @@ def to_xarray(result: BatchResult) -> xarray.Dataset:
     }
     coordinates: dict[str, Any] = {"trial": ("trial", result["trial"], _attributes("trial"))}
     if any(log is not None for log in result.logs):
-        steps = ("trial", "step")
-        about = {"units": _STATE_UNITS["time"], "long_name": "time from the start of the motion"}
-        coordinates["time"] = (steps, result.stack("time"), about)
-        coordinates["axis"] = ["x", "y", "z"]
-        coordinates["quaternion"] = ["x", "y", "z", "w"]
-        coordinates["angle"] = ["roll", "pitch", "yaw"]
-        coordinates["horizontal"] = ["x", "y"]
-        for name, (unit, meaning) in _SERIES.items():
-            about = {"units": unit, "long_name": meaning}
-            variables[name] = (steps, result.stack(name), about)
-        for name, (dimension, unit, meaning) in _VECTORS.items():
-            about = {"units": unit, "long_name": meaning}
-            variables[name] = ((*steps, dimension), _vector(result, name), about)
+        series = _series(result)
+        coordinates |= {"time": series.pop("time"), **_COMPONENTS}
+        variables |= series
     return xarray.Dataset(
         variables,
         coords=coordinates,
@@ -88,10 +84,21 @@ def to_xarray(result: BatchResult) -> xarray.Dataset:
     )
 
 
-def _vector(result: BatchResult, name: str) -> NDArray[np.float64]:
-    """Of each trial and step, shape (trials, steps, k)."""
-    part = {"velocity": VELOCITY, "angular_velocity": ANGULAR_VELOCITY}.get(name)
-    return result.stack(name) if part is None else result.stack("state")[:, :, part]
+def _series(result: BatchResult) -> dict[str, Any]:
+    """Variables of the logs, by name: dimensions, values, attributes."""
+    steps = ("trial", "step")
+    series: dict[str, Any] = {}
+    for name, meaning in _LOGGED.items():
+        about = {"units": _UNITS[STATE_COLUMNS.index(name)], "long_name": meaning}
+        series[name] = (steps, result.stack(name), about)
+    state = result.stack("state")
+    for name, (part, meaning) in _LOGGED_VECTORS.items():
+        about = {"units": _UNITS[part.start], "long_name": meaning}
+        series[name] = ((*steps, "axis"), state[:, :, part], about)
+    for name, (dimensions, unit, meaning) in _DERIVED.items():
+        about = {"units": unit, "long_name": meaning}
+        series[name] = ((*steps, *dimensions), result.stack(name), about)
+    return series
 
 
 def to_dataframe(result: BatchResult) -> pandas.DataFrame:
@@ -110,7 +117,11 @@ def to_dataframe(result: BatchResult) -> pandas.DataFrame:
         for name in TRIAL_COLUMNS
     }
     frame = pandas.DataFrame(columns).set_index("trial")
-    frame.attrs = {"units": dict(TRIAL_UNITS), "long_name": dict(TRIAL_NAMES)}
+    about = {name: _attributes(name) for name in TRIAL_COLUMNS}
+    frame.attrs = {
+        key: {name: one[key] for name, one in about.items() if key in one}
+        for key in ("units", "long_name")
+    }
     return frame
 
 
@@ -150,8 +161,8 @@ def _plain_text(column: NDArray[Any]) -> NDArray[Any]:
 
 
 def _attributes(column: str) -> dict[str, str]:
-    about = {"long_name": TRIAL_NAMES[column]}
-    return about | ({"units": TRIAL_UNITS[column]} if column in TRIAL_UNITS else {})
+    unit, meaning = TRIAL_COLUMNS[column]
+    return {"long_name": meaning} | ({"units": unit} if unit else {})
 
 
 def _require(package: str, what: str, extra: str) -> None:

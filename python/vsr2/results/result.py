@@ -62,31 +62,21 @@ INTEGER_COLUMNS = ("trial", "seed", *_INTEGER_RESULTS)
 trial has no such value."""
 
 
-class _TrialColumn(NamedTuple):
-    """A column of `BatchResult.trials`.
+class TrialColumn(NamedTuple):
+    """What a column of `BatchResult.trials` holds.
 
     Attributes:
-        name: of the column.
         unit: empty: the column has none.
-        meaning: empty: the name says it.
+        meaning: what it is called in full, without the unit.
     """
 
-    name: str
     unit: str
     meaning: str
 
-    @property
-    def text(self) -> str:
-        """The meaning with the unit in square brackets, before what follows a semicolon."""
-        if not self.unit:
-            return self.meaning
-        what, mark, rest = self.meaning.partition(";")
-        return f"{what} [{self.unit}]{mark}{rest}".lstrip()
 
-
-_TRIAL_COLUMNS = tuple(
-    _TrialColumn(*column)
-    for column in (
+TRIAL_COLUMNS: dict[str, TrialColumn] = {
+    name: TrialColumn(unit, meaning or name.replace("_", " "))
+    for name, unit, meaning in (
         ("trial", "", "index of the trial"),
         ("name", "", "name of the trial"),
         ("motion", "", "name of the motion"),
@@ -107,18 +97,8 @@ _TRIAL_COLUMNS = tuple(
         ),
         ("message", "", "of the exception that ended a trial of status `error`; else empty"),
     )
-)
-
-TRIAL_COLUMNS: dict[str, str] = {column.name: column.text for column in _TRIAL_COLUMNS}
-"""Columns of `BatchResult.trials`, with their meaning and unit."""
-
-TRIAL_NAMES: dict[str, str] = {
-    column.name: column.meaning or column.name.replace("_", " ") for column in _TRIAL_COLUMNS
 }
-"""Columns of `BatchResult.trials` with what they are called in full, without units."""
-
-TRIAL_UNITS: dict[str, str] = {column.name: column.unit for column in _TRIAL_COLUMNS if column.unit}
-"""Units of the columns of `BatchResult.trials` that have one."""
+"""Columns of `BatchResult.trials`, with their unit and meaning."""
 
 COLUMNS = {
     "trial_columns": tuple(TRIAL_COLUMNS),
@@ -176,15 +156,15 @@ class BatchResult(OneLine):
             yield {name: column[i] for name, column in self.trials.items()}
 
     @property
-    def summary(self) -> str:
-        """Trials by outcome, and how many have another status than `ok`."""
-        counts = ", ".join(
-            f"{n} {name}" for name in OUTCOMES if (n := int((self["outcome"] == name).sum()))
-        )
-        logs = sum(log is not None for log in self.logs)
-        odd = int((self["status"] != Status.ok.name).sum())
-        plural = "" if len(self) == 1 else "s"
-        return f"{len(self)} trial{plural} ({counts}), {odd} not ok, {logs} with a log"
+    def facts(self) -> Mapping[str, object]:
+        """Trials, how many have each outcome, the status `ok`, a log."""
+        outcomes = {name: int((self["outcome"] == name).sum()) for name in OUTCOMES}
+        return {
+            "trials": len(self),
+            **{name: count or None for name, count in outcomes.items()},
+            "ok": int((self["status"] == Status.ok.name).sum()),
+            "logs": sum(log is not None for log in self.logs),
+        }
 
     @overload
     def __getitem__(self, wanted: str) -> NDArray[Any]: ...

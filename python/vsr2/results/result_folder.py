@@ -66,6 +66,7 @@ the orientation of its model frame; from the start of the motion on."""
 
 FORMAT = "vsr2 result"
 FORMAT_VERSION = 3
+"""Of the folder's files; others are refused."""
 _RESERVED = "result_files"
 _LOG_NAMES = tuple(field.name for field in dataclasses.fields(TrialLog))
 _SPATIAL_NAMES = ("excursions", "pivot")
@@ -352,7 +353,7 @@ def _provenance_text(result: BatchResult, logged: list[int]) -> str:
             "trials": len(result),
             "logs": logged,
             **COLUMNS,
-            "trial_columns": TRIAL_COLUMNS,
+            "trial_columns": {name: one._asdict() for name, one in TRIAL_COLUMNS.items()},
             "npy_columns": NPY_COLUMNS,
         },
     }

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -110,14 +111,16 @@ class TrialLog(OneLine, ReadOnlyArrays):
             )
 
     @property
-    def summary(self) -> str:
-        """Rows, the time that they span, and the largest tilt."""
-        if not len(self.state):
-            return "0 rows"
-        return (
-            f"{len(self.state)} rows from {self.time[0]:.4g} to {self.time[-1]:.4g} s, tilt up to "
-            f"{self.tilt.max():.4g} rad, {len(self.contacts)} rows of contacts"
-        )
+    def facts(self) -> Mapping[str, object]:
+        """Rows, the time that they span [s], the largest tilt [rad], rows of contacts."""
+        rows = len(self.state)
+        return {
+            "rows": rows,
+            "start": float(self.time[0]) if rows else None,
+            "end": float(self.time[-1]) if rows else None,
+            "peak_tilt": float(self.tilt.max()) if rows else None,
+            "contacts": len(self.contacts),
+        }
 
     def column(self, name: str) -> Array:
         """One column of `state` by its name, shape (n,).

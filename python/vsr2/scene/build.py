@@ -42,7 +42,7 @@ from vsr2.scene.shapes import box_surface, hull_surface, join_surfaces
 from vsr2.scene.urdf import load_urdf
 
 CONTACT_POINTS = 4
-"""Most points in which Bullet lets two convex shapes touch."""
+"""Most points in which Bullet lets two convex shapes touch, MANIFOLD_CACHE_SIZE."""
 MAX_HULLS = 64
 """Hulls of a convex decomposition."""
 

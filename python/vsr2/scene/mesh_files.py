@@ -26,7 +26,9 @@ from vsr2.scene.body import Array
 IntArray = NDArray[np.int64]
 
 MAX_FILE_BYTES = 200_000_000
+"""Greater files are refused unread."""
 MAX_FACES = 5_000_000
+"""Of one mesh; bounds memory and time."""
 MAX_COORDINATE = 1.0e30
 """Before scaling; beyond about 3e38 single precision is infinite."""
 

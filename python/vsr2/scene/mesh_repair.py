@@ -15,11 +15,24 @@ from vsr2.scene.notes import SceneNote
 
 MIN_EXTENT = 1.0e-4
 """Smallest longest edge of the bounding box [m]."""
-MERGE_TOLERANCE = 1.0e-6
-"""A repair merges vertices closer than this share of the bounding box's diagonal."""
-FRAGMENT_AREA = 0.01
-"""A repair drops loose parts of less than this share of the surface."""
 EDITORS = "close it in MeshLab (Filters > Remeshing > Close Holes) or Blender (3D-Print Toolbox)"
+
+
+@dataclass(frozen=True)
+class RepairConstants:
+    """What a repair takes away; chosen by hand.
+
+    Attributes:
+        merged: vertices closer than this share of the bounding box's diagonal are one: some times
+            the rounding of files in single precision.
+        fragment: loose parts of less than this share of the surface are dropped.
+    """
+
+    merged: float = 1.0e-6
+    fragment: float = 0.01
+
+
+REPAIR = RepairConstants()
 
 
 def compact(vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
@@ -122,7 +135,7 @@ def check_solid(path: Path, vertices: Array, faces: IntArray, *, repaired: bool)
         raise GeometryError(
             f"{edges.bodies} separate bodies ({', '.join(map(str, shares[:4]))} faces ...);"
             " a rock is one body; keep one in a mesh editor, or export parts joined "
-            f"(`repair: true` drops parts under {FRAGMENT_AREA:.0%} of the surface)",
+            f"(`repair: true` drops parts under {REPAIR.fragment:.0%} of the surface)",
             file=path,
         )
     if edges.twisted:
@@ -164,7 +177,7 @@ def repair_mesh(
     count, face_count = len(vertices), len(faces)
     vertices, faces = _merge_near(path, vertices, faces)
     if len(vertices) < count:
-        note(SceneNote.MERGED_VERTICES, count=count - len(vertices), tolerance=MERGE_TOLERANCE)
+        note(SceneNote.MERGED_VERTICES, count=count - len(vertices), tolerance=REPAIR.merged)
     _, first = np.unique(np.sort(faces, axis=1), axis=0, return_index=True)
     vertices, faces = compact(vertices, faces[np.sort(first)])
     check_faces_left(path, faces)
@@ -193,7 +206,7 @@ def repair_mesh(
 def _merge_near(path: Path, vertices: Array, faces: IntArray) -> tuple[Array, IntArray]:
     from scipy.spatial import cKDTree
 
-    tolerance = MERGE_TOLERANCE * float(np.linalg.norm(np.ptp(vertices, axis=0)))
+    tolerance = REPAIR.merged * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     tree = cKDTree(vertices)
     # Counted before it is listed: a crowd within the tolerance has quadratically many pairs.
     if tree.count_neighbors(tree, tolerance) > 20 * len(vertices):
@@ -219,7 +232,7 @@ def _drop_fragments(vertices: Array, faces: IntArray) -> tuple[Array, IntArray, 
         return vertices, faces, 0, 0.0
     area = triangles.area(vertices[faces])  # type: ignore[no-untyped-call]
     share = np.bincount(edges.body, weights=area) / max(float(area.sum()), 1e-300)
-    small = share < FRAGMENT_AREA
+    small = share < REPAIR.fragment
     if small.all() or not small.any():
         return vertices, faces, 0, 0.0
     vertices, faces = compact(vertices, faces[~small[edges.body]])

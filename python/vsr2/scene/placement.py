@@ -16,6 +16,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import lru_cache
 
 import numpy as np
@@ -37,8 +38,20 @@ from vsr2.scene.shapes import box_corners, hull_surface, part_points, pedestal_s
 
 _PAIRS = 1_000_000
 """Pairs of features looked at together: bounds the memory."""
-_BALL_STEP = 12.0
-"""Angle between neighbouring corners of the faceted ball [degree]."""
+
+
+@dataclass(frozen=True)
+class PlacementConstants:
+    """How a hull is lifted by a clearance; chosen by hand.
+
+    Attributes:
+        ball_step: angle between neighbouring corners of the faceted ball [degree].
+    """
+
+    ball_step: float = 12.0
+
+
+PLACEMENT = PlacementConstants()
 
 
 def start_pose(
@@ -183,7 +196,7 @@ def _hull_lift(points: Array, surface: Triangles, clearance: float) -> float | N
 def _ball() -> Array:
     """Corners of the lower half of a faceted unit ball, straight down included, shape (n, 3)."""
     corners = [np.array([[0.0, 0.0, -1.0]])]
-    step = math.radians(_BALL_STEP)
+    step = math.radians(PLACEMENT.ball_step)
     for ring in range(1, math.ceil(0.5 * math.pi / step) + 1):
         polar = min(ring * step, 0.5 * math.pi)
         count = math.ceil(2.0 * math.pi * math.sin(polar) / step)

@@ -17,6 +17,7 @@ from vsr2.scene.body import Array, Pose
 
 Quaternion = tuple[float, float, float, float]
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
+"""No rotation; x, y, z, w."""
 UNIT_TOLERANCE = 1.0e-2
 """A quaternion whose norm is farther from 1 is taken for a mistake, not for rounding."""
 

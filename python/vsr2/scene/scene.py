@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import warnings
+from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
@@ -53,10 +54,14 @@ class Scene(OneLine):
         return hash(self.sha256)
 
     @property
-    def summary(self) -> str:
-        """The bodies by their files, the mass, and the engine that was asked for."""
-        rock, pedestal = Path(self.rock.source).name, Path(self.pedestal.source).name
-        return f"{rock} ({self.rock.mass.mass:.4g} kg) on {pedestal}, engine {self.engine.mode}"
+    def facts(self) -> Mapping[str, object]:
+        """The bodies by their files, the mass [kg], and the engine that was asked for."""
+        return {
+            "rock": Path(self.rock.source).name,
+            "mass": self.rock.mass.mass,
+            "pedestal": Path(self.pedestal.source).name,
+            "engine": self.engine.mode,
+        }
 
     @cached_property
     def sha256(self) -> str:

@@ -11,6 +11,7 @@ from vsr2.scene.body import Array, Box, Hull, PedestalBody, RockBody, Triangles
 from vsr2.scene.rotation import matrix_from_quaternion
 
 _BOX_SIGNS = np.array([[x, y, z] for z in (-0.5, 0.5) for y in (-0.5, 0.5) for x in (-0.5, 0.5)])
+"""Corners of the unit box."""
 _BOX_FACES = np.array(
     [
         [0, 2, 3], [0, 3, 1], [4, 5, 7], [4, 7, 6], [0, 1, 5], [0, 5, 4],
@@ -18,6 +19,7 @@ _BOX_FACES = np.array(
     ],
     dtype=np.int32,
 )  # fmt: skip
+"""Its faces by corner, outside anticlockwise."""
 
 
 def box_corners(box: Box) -> Array:

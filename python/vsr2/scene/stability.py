@@ -10,6 +10,7 @@ from typing import Any
 
 import numpy as np
 
+from vsr2.config.study import Engine
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array, MassProperties, RockBody
 from vsr2.scene.mass import box_inertia, mesh_mass_properties
@@ -25,13 +26,27 @@ from vsr2.scene.rotation import (
 from vsr2.scene.shapes import hull_surface, rock_points
 from vsr2.scene.urdf import load_urdf
 
-GRAVITY = 9.81
-SUPPORT_TOLERANCE = 0.01
-"""Points less than this share of the mass centre's height above the lowest one give support."""
-GRANITE_DENSITY = 2700.0
-"""Assumed in reports where neither density nor mass is given [kg/m^3]."""
-AZIMUTHS = tuple(float(azimuth) for azimuth in range(0, 360, 15))
-"""Directions of a report, anticlockwise from x [degree]."""
+
+@dataclass(frozen=True)
+class StabilityConstants:
+    """What a report of a body's mass and stability rests on; chosen by hand, but the density.
+
+    Attributes:
+        gravity: that of a study [m/s^2].
+        support: points less than this share of the mass centre's height above the lowest one give
+            support: a scan's base is uneven by some millimetres.
+        granite_density: assumed where neither density nor mass is given [kg/m^3]; granites have
+            about 2600 to 2800.
+        azimuths: directions of a report, anticlockwise from x [degree].
+    """
+
+    gravity: float = Engine().gravity
+    support: float = 0.01
+    granite_density: float = 2700.0
+    azimuths: tuple[float, ...] = tuple(float(azimuth) for azimuth in range(0, 360, 15))
+
+
+STABILITY = StabilityConstants()
 
 
 @dataclass(frozen=True)
@@ -144,7 +159,7 @@ def support_polygon(
     mass_center: Array,
     orientation: Quaternion,
     *,
-    tolerance: float = SUPPORT_TOLERANCE,
+    tolerance: float = STABILITY.support,
 ) -> Support:
     """What a body on a horizontal plane stands on.
 
@@ -183,10 +198,10 @@ def support_polygon(
 
 def slenderness(
     body: RockBody,
-    azimuths: Sequence[float] = AZIMUTHS,
+    azimuths: Sequence[float] = STABILITY.azimuths,
     *,
-    gravity: float = GRAVITY,
-    tolerance: float = SUPPORT_TOLERANCE,
+    gravity: float = STABILITY.gravity,
+    tolerance: float = STABILITY.support,
 ) -> list[Slenderness]:
     """Slenderness angle, rocking radius and frequency parameter of a rock in its start orientation.
 
@@ -280,8 +295,8 @@ def inertia_summary(
     mass: float | None = None,
     repair: bool = False,
     orientation: Quaternion = IDENTITY,
-    azimuths: Sequence[float] = AZIMUTHS,
-    gravity: float = GRAVITY,
+    azimuths: Sequence[float] = STABILITY.azimuths,
+    gravity: float = STABILITY.gravity,
 ) -> dict[str, Any]:
     """Mass properties, stable poses and slenderness of a mesh or URDF, ready for JSON.
 
@@ -319,7 +334,7 @@ def inertia_summary(
         loaded = load_mesh(source, scale=scale, repair=repair)
         shape, notes, sha256 = loaded.mesh, loaded.notes, loaded.sha256
         if density is None and mass is None:
-            density, assumed = GRANITE_DENSITY, True
+            density, assumed = STABILITY.granite_density, True
         properties = mesh_mass_properties(shape, density=density, mass=mass, source=str(source))
         volume = float(shape.volume)
     vertices = np.asarray(shape.vertices, dtype=np.float64)
@@ -367,7 +382,7 @@ def _standing(
     )
     for candidate in (orientation, *closest):
         try:
-            rows = _slenderness(points, mass, candidate, azimuths, gravity, SUPPORT_TOLERANCE)
+            rows = _slenderness(points, mass, candidate, azimuths, gravity, STABILITY.support)
         except GeometryError:
             continue
         return candidate, rows
@@ -379,7 +394,7 @@ def _upright(first: Quaternion, second: Quaternion) -> float:
     return float(matrix_from_quaternion(first)[2] @ matrix_from_quaternion(second)[2])
 
 
-def start_support(body: RockBody, *, tolerance: float = SUPPORT_TOLERANCE) -> Support:
+def start_support(body: RockBody, *, tolerance: float = STABILITY.support) -> Support:
     """Support polygon of a rock in its start orientation; see :func:`support_polygon`."""
     return support_polygon(
         rock_points(body), body.mass.mass_center, body.start.orientation, tolerance=tolerance

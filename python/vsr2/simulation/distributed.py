@@ -25,7 +25,7 @@ from typing import TYPE_CHECKING, Any, TypeAlias
 from vsr2 import _native
 from vsr2.errors import SimulationError
 from vsr2.results import TrialLog
-from vsr2.simulation.native_trials import POLL, failed_row
+from vsr2.simulation.native_trials import QUEUE, failed_row
 from vsr2.simulation.planning import log_bytes
 from vsr2.simulation.worker import Finished, Part, pack, packed_part, run_chunk, stop
 from vsr2.trial import Trial
@@ -123,7 +123,7 @@ def run_on_cluster(
         trials: what to run; they passed :func:`vsr2.simulation.check_trials`.
         client: of the cluster.
         take: called with index, row and log of each trial as it comes back.
-        stopped: asked every `POLL`; once true, workers stop, and what they have finished is still
+        stopped: asked every `poll`; once true, workers stop, and what they have finished is still
             taken if it comes within a second.
 
     Returns:
@@ -270,7 +270,7 @@ class _ClusterRun:
                 if chunks and time.monotonic() > counted + CLUSTER.count_every:
                     window, counted = max(CLUSTER.window, 2 * self._threads()), time.monotonic()
                 try:
-                    flight, fetched, result = self._events.get(timeout=POLL)
+                    flight, fetched, result = self._events.get(timeout=QUEUE.poll)
                 except queue.Empty:
                     continue
                 if fetched:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
 
@@ -18,14 +19,28 @@ from vsr2.simulation.native_scenes import native_scene
 from vsr2.simulation.planning import log_bytes
 from vsr2.trial import Trial
 
-POLL = 0.1
-"""How often finished trials are collected and Ctrl-C is looked for [s]."""
-MAX_AHEAD = 1024
-"""Most trials that the core holds, waiting, running or not yet taken."""
-MAX_AHEAD_BYTES = 2**25
-"""Most that their samples and logs can take, unless two trials a thread take more [byte]."""
 
-_KEPT_STARTS = 4096
+@dataclass(frozen=True)
+class QueueConstants:
+    """How far trials are handed over ahead of their results; no result depends on it.
+
+    Chosen by hand, judged by `python benchmarks/threads.py` and
+    `python benchmarks/million_trials.py`.
+
+    Attributes:
+        poll: how often finished trials are collected and Ctrl-C is looked for [s].
+        trials: most that the core holds, waiting, running or not yet taken.
+        bytes: most that their samples and logs can take, unless two trials a thread take more.
+        starts: settled starts that are kept for later trials.
+    """
+
+    poll: float = 0.1
+    trials: int = 1024
+    bytes: int = 2**25
+    starts: int = 4096
+
+
+QUEUE = QueueConstants()
 
 
 def _settled_start(
@@ -77,11 +92,11 @@ def run_native(
         trials: what to run; they passed :func:`check_trials`.
         threads: how many at a time.
         take: called with index, trial, row and log of each as it finishes.
-        stopped: asked every `POLL`; once true, trials that run end with status `cancelled` and no
+        stopped: asked every `poll`; once true, trials that run end with status `cancelled` and no
             others begin.
     """
     # Equal starts settle once; those not used for a while go, so memory does not grow.
-    settled_start = lru_cache(_KEPT_STARTS)(_settled_start)
+    settled_start = lru_cache(QUEUE.starts)(_settled_start)
     native = _native.Batch(threads)
     under_way: dict[int, tuple[Trial, float]] = {}
     ahead = 0.0
@@ -92,7 +107,7 @@ def run_native(
             while following is not None:
                 # A scaled motion's samples are made for its trial.
                 size = log_bytes(following) + 16 * following.motion.size
-                full = len(under_way) >= MAX_AHEAD or ahead + size > MAX_AHEAD_BYTES
+                full = len(under_way) >= QUEUE.trials or ahead + size > QUEUE.bytes
                 if full and len(under_way) >= 2 * threads:
                     break
                 index = native.add(_specification(following, settled_start))
@@ -101,7 +116,7 @@ def run_native(
                 following = next(waiting, None)
             else:
                 native.close()
-            for i in native.wait(POLL):
+            for i in native.wait(QUEUE.poll):
                 result = native.take(i)
                 trial, size = under_way.pop(i)
                 ahead -= size

@@ -14,13 +14,13 @@ from vsr2.errors import Fault, SimulationError
 from vsr2.motion import build_motions
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS
 from vsr2.scene import Scene, build_scene
+from vsr2.scene.build import CONTACT_POINTS
 from vsr2.simulation.native_scenes import native_scene
 from vsr2.trial import Trial
 
 MAX_LOG_BYTES = 2e9
-"""Greatest state log of one trial that is accepted."""
-CONTACTS_A_ROW = 4
-"""Contacts at one time, about: what the size of a log is reckoned with."""
+"""Greatest state log of one trial that is accepted: it is held in memory. The longest
+motion, logged at every step, takes 0.3 GB."""
 
 
 def study_trials(study: Study, scene: Scene | None = None) -> list[Trial]:
@@ -126,7 +126,7 @@ def log_bytes(trial: Trial, *, contacts: bool = True, least: bool = False) -> fl
     """Size of a trial's log in memory [byte].
 
     Args:
-        trial: of which the state's rows count, and contacts as `CONTACTS_A_ROW` in each row.
+        trial: of which the state's rows count, and contacts as `CONTACT_POINTS` in each row.
         contacts: False: of the state alone.
         least: of the shortest log of a trial that runs to its end; else of the longest.
     """
@@ -140,7 +140,7 @@ def log_bytes(trial: Trial, *, contacts: bool = True, least: bool = False) -> fl
         size += seconds / (step * output.log_every) * columns * 8
     if contacts and output.contacts_every and not least:
         rows = (trial.motion.duration + trial.outcome.tail) / (step * output.contacts_every)
-        size += rows * CONTACTS_A_ROW * len(CONTACT_COLUMNS) * 8
+        size += rows * CONTACT_POINTS * len(CONTACT_COLUMNS) * 8
     return size
 
 

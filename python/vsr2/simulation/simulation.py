@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
 from os import PathLike
@@ -149,10 +150,14 @@ class Simulation(OneLine):
         return self._held
 
     @property
-    def summary(self) -> str:
-        """The scene, the drive and the time."""
-        rock = "" if self._held is not None and self.has_rock else "no rock, "
-        return f"{self.scene.summary}; {rock}drive {self.drive}, t = {self.time:.6g} s"
+    def facts(self) -> Mapping[str, object]:
+        """The scene, whether the rock is in it, the drive and the time [s]."""
+        return {
+            "scene": self.scene,
+            "has_rock": self._held is not None and self.has_rock,
+            "drive": self.drive,
+            "time": self.time,
+        }
 
     @property
     def time_step(self) -> float:

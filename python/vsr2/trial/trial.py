@@ -159,12 +159,14 @@ class Trial(OneLine):
         return hash(self.content)
 
     @property
-    def summary(self) -> str:
-        """Its name, scene, motion and effects."""
-        effects = ", ".join(applied.effect.name for applied in self.effects)
-        return f"{self.label!r}, {self.scene.summary}; {self.motion.summary}" + (
-            f"; effects {effects}" if effects else ""
-        )
+    def facts(self) -> Mapping[str, object]:
+        """Its label, scene, motion and effects."""
+        return {
+            "label": self.label,
+            "scene": self.scene,
+            "motion": self.motion,
+            "effects": [applied.effect.name for applied in self.effects],
+        }
 
     @property
     def label(self) -> str:

@@ -20,6 +20,7 @@ ROCK_COLOR = (186, 140, 99)
 PEDESTAL_COLOR = (140, 148, 158)
 CONTACT_COLOR = (220, 40, 30)
 PORTS_TRIED = 100
+"""From the one that was asked for, until one is free."""
 USUAL_ARROW, LONGEST_ARROW = 0.5, 1.5
 """Lengths of arrows over the rock's longest edge: of the usual contact force, and at most."""
 

@@ -12,7 +12,8 @@ from vsr2.blind.form.reader import Interval, Part, misfit
 from vsr2.errors import BlindError
 
 LONGEST_SERIES_INTERVAL = 0.1
-"""[s]; a rock of 1 m rocks with periods from about 0.5 s."""
+"""Greatest that a pack may ask for [s]: beyond it a series does not show the rocking of a rock of
+1 m, with periods from about 0.5 s."""
 
 
 class EngineName(StrEnum):

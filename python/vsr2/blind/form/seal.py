@@ -28,6 +28,7 @@ _READ = (PACK_SCHEMA, "vsr2.blind-pack/1"), (KEY_SCHEMA, "vsr2.blind-key/1")
 PACK_FILE = "pack.json"
 KEY_FILE = "key.json"
 SALT_BYTES = 32
+"""Of a key's salt: as long as the hash that it guards."""
 _MADE = 946684800.0
 """When all files of a pack say that they were changed: the first second of 2000, UTC."""
 

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
 GRAVITY = 9.80665
-"""[m/s^2]"""
+"""Standard gravity [m/s^2] (CGPM 1901)."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,8 @@ from vsr2.diagnosis.posterior.sets import Sets
 
 Array = NDArray[np.float64]
 FORBIDDEN = -1e9
+"""Logit of what is not allowed: its exponential is 0 beside any other, and it can be subtracted,
+which infinity cannot."""
 
 
 @dataclass(frozen=True)

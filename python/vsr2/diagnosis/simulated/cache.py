@@ -25,7 +25,8 @@ _logger = logging.getLogger(__name__)
 Progress = Callable[[int, int], None]
 """Called with simulations done and all."""
 CHUNK = 512
-"""Simulations between two writes."""
+"""Simulations between two writes: an interruption loses no more, and a write costs little beside
+them (docs/architecture.md, the store of finished work). No result depends on it."""
 KEY = 16
 """Length of a key [byte]."""
 Table = NDArray[np.float32]

@@ -64,8 +64,8 @@ class SceneSimulator:
         study: of the nominal scene, its effects included; its own motions are not used, but how
             recordings are turned into the driven motion is (channel, filter, scale, drive).
         hypotheses: effects and nuisances.
-        series: also draw features from the tilt's series.
-        sampling: of series, where the campaign has none.
+        series: also draw features from the tilt's series; a sampling: so, where the campaign has no
+            series.
         threads: of the native core; None: all.
         client: of a Dask cluster that runs the trials.
         seed: of nuisances and of what belongs to single trials.
@@ -93,8 +93,7 @@ class SceneSimulator:
         study: Study,
         *,
         hypotheses: Hypotheses = HYPOTHESES,
-        series: bool = False,
-        sampling: Sampling | None = None,
+        series: bool | Sampling = False,
         threads: int | None = None,
         client: distributed.Client | None = None,
         seed: int = 0,
@@ -102,12 +101,13 @@ class SceneSimulator:
         offered = hypotheses.offered
         self.nuisances = (*hypotheses.nuisances, *hypotheses.contact_family)
         self.variants = (HALF_STEP, FINE_SOLVER)
-        self._series = series
+        self._series = bool(series)
         self._threads = threads
         self._client = client
         self._seed = seed
         self._campaign, self._study = campaign, study
-        self._sampling = series_sampling(campaign) or sampling if series else None
+        asked = series if isinstance(series, Sampling) else None
+        self._sampling = series_sampling(campaign) or asked if series else None
         self._measured = () if self._sampling is None else (self._sampling,)
         interval = SERIES.row if self._sampling is None else self._sampling.interval
         self._row = min(SERIES.row, interval) if series else None

@@ -42,9 +42,9 @@ class Diagnosis(OneLine):
     samples: Mapping[str, NDArray[np.float64]] = field(default_factory=dict)
 
     @property
-    def summary(self) -> str:
+    def facts(self) -> Mapping[str, object]:
         """The verdict's kind and the effects that it names."""
-        return f"{self.kind}, {', '.join(self.effects) or 'no effect'} named"
+        return {"kind": self.kind, "effects": list(self.effects)}
 
     @property
     def kind(self) -> str:

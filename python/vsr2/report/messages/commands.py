@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from math import pi
+from math import isnan, pi
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from vsr2.calibration import CalibrationResult
     from vsr2.diagnosis import Iteration, Prediction
     from vsr2.diagnosis.reference_campaign import Agreement
+    from vsr2.effects import Effect, Parameter
     from vsr2.results import BatchResult
     from vsr2.simulation import BatchEstimate
     from vsr2.simulation.bench import Rock
@@ -210,6 +211,28 @@ def effect_report(report: EffectReport) -> str:
     return "\n".join(lines)
 
 
+def effect_text(one: Effect) -> str:
+    """What an effect of the library is, with its parameters."""
+    lines = [f"{one.name}: {one.meaning}.", f"stage: {one.stage}"]
+    for parameter in one.parameters:
+        unit = "" if parameter.unit == "1" else f" [{parameter.unit}]"
+        second = "; has no effect on its own" if parameter.secondary else ""
+        lines.append(f"parameter {parameter.name}{unit}: {parameter.meaning}")
+        lines.append(f"  prior {parameter.range_text}; none given: {_null(parameter)}{second}")
+    lines.append(f"touches: {', '.join(one.channels)}")
+    if one.confounded_with:
+        lines.append(f"confounded with: {', '.join(one.confounded_with)}")
+    return "\n".join([*lines, *([f"source: {one.source}"] if one.source else [])])
+
+
+def _null(parameter: Parameter) -> str:
+    if isnan(parameter.null):
+        return "as in the study"
+    if parameter.choices:
+        return parameter.choices[int(parameter.null)]
+    return f"{parameter.null:g}"
+
+
 def engine_fast(refusal: FastRefusal) -> str:
     """Whether the engine `fast` takes an effect, and why not."""
     why_not = refusal.name.replace("_", " ")
@@ -267,3 +290,13 @@ def _ratios(found: Mapping[Rock, Liveness]) -> str:
         f"{one.ratio:.3g} times the floor on the {rock} ({one.feature})"
         for rock, one in found.items()
     )
+
+
+def completion_installed(file: Path) -> str:
+    """Where the completion of a shell stands now."""
+    return f"wrote {file}; a new shell reads it"
+
+
+def replay_at(url: str) -> str:
+    """Where a replay is seen, and how it ends."""
+    return f"replay at {url} (Ctrl-C ends it)"

@@ -1,0 +1,130 @@
+"""Chosen numbers stand in frozen dataclasses, with their source: docs/architecture.md."""
+
+from __future__ import annotations
+
+import ast
+import builtins
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[2] / "python" / "vsr2"
+DISPLAY = ("report", "view")
+"""Rooms whose numbers only a reader's eye judges."""
+LIMIT = re.compile(r"_?(MAX|MIN|LONGEST)_")
+"""Names of limits beyond which an input is refused."""
+UNTUNED: dict[str, set[str]] = {
+    "form of a file": {
+        "blind/custodian/make.py:FORM", "blind/form/seal.py:SALT_BYTES",
+        "blind/form/seal.py:_MADE", "diagnosis/corrected.py:DIGITS",
+        "diagnosis/posterior/files.py:FORMAT", "diagnosis/simulated/cache.py:KEY",
+        "motion/peer.py:_HEADER_LINES", "motion/recording.py:_LABORATORY_COLUMNS",
+        "results/result_folder.py:FORMAT_VERSION", "config/ros2_notes.py:_RECORD_INTERVAL",
+    },
+    "physics, or a scale that was measured": {
+        "blind/mujoco/rigid_body.py:GRAVITY", "motion/units.py:STANDARD_GRAVITY",
+        "motion/recording.py:METRES_PER_VOLT", "scene/build.py:CONTACT_POINTS",
+    },
+    "numbers that stand for names": {
+        "cli/entry.py:INTERRUPTED, TERMINATED", "diagnosis/coverage/judged.py:STREAM",
+        "diagnosis/coverage/planted_campaigns.py:FIRST",
+        "diagnosis/coverage/planted_campaigns.py:STREAM",
+        "diagnosis/simulated/campaigns.py:FIRST_NUISANCE",
+        "diagnosis/simulated/scene_effects.py:_STREAM",
+        "diagnosis/simulated/simulator.py:HALF_STEP, FINE_SOLVER",
+        "diagnosis/simulated/simulator.py:PERTURBED", "simulation/batch.py:_LOST, _COMPLETE",
+    },
+    "convention": {
+        "config/section.py:DEFAULT_TIME_STEP", "diagnosis/coverage/coverage_scores.py:LEVELS",
+        "diagnosis/how_far/ensemble_losses.py:CI95", "effects/geometry.py:_QUARTERS",
+        "effects/underside.py:_COEFFICIENTS", "motion/two_components.py:STEP",
+        "motion/spectrum.py:PERIODS", "scene/rotation.py:IDENTITY",
+        "scene/shapes.py:_BOX_SIGNS", "scene/shapes.py:_BOX_FACES",
+    },
+    "guard against rounding": {
+        "campaign/campaign.py:NORM_TOLERANCE", "diagnosis/posterior/network.py:FORBIDDEN",
+        "effects/rounding.py:_SAME", "effects/support.py:_UPRIGHT", "effects/underside.py:_LEVEL",
+        "motion/motion.py:START_TOLERANCE", "motion/two_components.py:SAME_INTERVAL",
+        "scene/mass.py:DIAGONAL_TOLERANCE", "scene/mass.py:EQUAL_MOMENTS",
+        "scene/mass.py:TRIANGLE_TOLERANCE", "scene/rotation.py:UNIT_TOLERANCE",
+    },
+    "memory or progress: no result depends on it": {
+        "campaign/file_problems.py:_LISTED", "diagnosis/posterior_check.py:CHUNK",
+        "diagnosis/simulated/cache.py:CHUNK", "fragility/fit.py:_CHUNK",
+        "results/batch_table.py:_BLOCK", "scene/placement.py:_PAIRS",
+        "simulation/batch.py:_ROW_BYTES", "simulation/estimate.py:CELL_BYTES",
+    },
+}  # fmt: skip
+"""Numbers that may stand at a module's top, by what they are."""
+
+
+def is_numeric(value: ast.expr) -> bool:
+    """Whether an expression holds numbers, and beside them no more than keys, built-in functions,
+    the mathematics library and numpy."""
+    nodes = list(ast.walk(value))
+    keys = {id(key) for node in nodes if isinstance(node, ast.Dict) for key in node.keys}
+    bound = {
+        name.id
+        for node in nodes
+        if isinstance(node, ast.comprehension)
+        for name in ast.walk(node.target)
+        if isinstance(name, ast.Name)
+    }
+    known = {"math", "np", *dir(builtins), *bound}
+    constants = [node for node in nodes if isinstance(node, ast.Constant) and id(node) not in keys]
+    return (
+        any(type(one.value) in (int, float) for one in constants)
+        and all(type(one.value) in (int, float, type(None)) for one in constants)
+        and all(node.id in known for node in nodes if isinstance(node, ast.Name))
+        and not any(isinstance(node, ast.Lambda) for node in nodes)
+    )
+
+
+def bare_numbers(source: str) -> Iterator[tuple[str, bool]]:
+    """Numbers at a module's top: name, and whether a docstring says what it is."""
+    body = ast.parse(source).body
+    for node, after in zip(body, [*body[1:], None], strict=True):
+        if isinstance(node, ast.Assign | ast.AnnAssign) and node.value is not None:
+            target = node.targets[0] if isinstance(node, ast.Assign) else node.target
+            said = isinstance(after, ast.Expr) and isinstance(after.value, ast.Constant)
+            if is_numeric(node.value):
+                yield ast.unparse(target).strip("()"), said
+
+
+def all_bare() -> dict[str, bool]:
+    """Of the package, by place and name."""
+    return {
+        f"{place}:{name}": said
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if (place := path.relative_to(PACKAGE).as_posix()).split("/")[0] not in DISPLAY
+        for name, said in bare_numbers(path.read_text())
+    }
+
+
+@pytest.mark.parametrize(
+    "line",
+    [
+        "POLL = 0.1", "STEPS: int = 2 ** 25", "LOW, HIGH = 0.1, 0.2", "CORNERS = np.array([1, 2])",
+        "AZIMUTHS = tuple(float(a) for a in range(0, 360, 15))", "LOSS = {'low': 1e-3}",
+        "HALF = 0.5 * math.pi",
+    ],
+)  # fmt: skip
+def test_a_number_is_found_in_every_form(line: str) -> None:
+    assert len(list(bare_numbers(line))) == 1
+
+
+@pytest.mark.parametrize("line", ["A = B", "A = 'x'", "A = f(3)", "A = ('x', 3)", "A = None"])
+def test_other_values_are_no_numbers(line: str) -> None:
+    assert list(bare_numbers(line)) == []
+
+
+def test_no_chosen_number_stands_bare() -> None:
+    found = all_bare()
+    known = set().union(*UNTUNED.values())
+    assert {at for at in found if not LIMIT.match(at.partition(":")[2])} == known
+
+
+def test_every_bare_number_says_what_it_is() -> None:
+    assert [at for at, said in all_bare().items() if not said] == []

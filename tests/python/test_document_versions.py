@@ -1,0 +1,91 @@
+"""A document of JSON whose codes or keys change gets another version."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Iterator, Sequence
+from enum import Enum
+from typing import Any, get_args
+
+import pytest
+from pydantic import BaseModel
+
+from vsr2._native import EngineKind, HandOver, Outcome, Status
+from vsr2.blind.form.diagnosis_form import Failure
+from vsr2.blind.form.pack_form import Key, Pack
+from vsr2.blind.form.seal import KEY_SCHEMA, PACK_SCHEMA
+from vsr2.blind.pack_diagnoses import SUBMISSION_SCHEMA
+from vsr2.campaign.description import SCHEMA as CAMPAIGN_SCHEMA
+from vsr2.campaign.description import campaign_schema
+from vsr2.diagnosis import schema
+from vsr2.diagnosis.iteration import ITERATION_SCHEMA, Ended
+from vsr2.diagnosis.posterior.naming import VerdictKind
+from vsr2.diagnosis.verdict.document import SCHEMA
+from vsr2.results.result_folder import FORMAT, FORMAT_VERSION
+
+
+def words(form: Any) -> Iterator[str]:
+    """Keys and codes of a JSON Schema, of models, of enumerations."""
+    if isinstance(form, type) and issubclass(form, BaseModel):
+        yield from (f"key {field.alias or name}" for name, field in form.model_fields.items())
+        yield from words([field.annotation for field in form.model_fields.values()])
+    elif get_args(form):
+        yield from words(get_args(form))
+    elif isinstance(form, dict):
+        yield from (f"key {key}" for key in form.get("properties", {}))
+        yield from (f"code {code}" for code in form.get("enum", ()))
+        if "const" in form:
+            yield f"code {form['const']}"
+        for inner in form.values():
+            yield from words(inner)
+    elif isinstance(form, type) and issubclass(form, Enum):
+        # Those of the core are known by name.
+        yield from (f"code {one if isinstance(one, str) else one.name}" for one in form)
+    elif isinstance(form, Sequence) and not isinstance(form, str):
+        for inner in form:
+            yield from words(inner)
+
+
+DOCUMENTS: dict[str, Any] = {
+    SCHEMA: schema(),
+    ITERATION_SCHEMA: [Ended, VerdictKind],
+    # Its columns stand in the file and are compared by name.
+    f"{FORMAT}/{FORMAT_VERSION}": [EngineKind, HandOver, Outcome, Status],
+    CAMPAIGN_SCHEMA: campaign_schema(),
+    PACK_SCHEMA: Pack,
+    KEY_SCHEMA: Key,
+    SUBMISSION_SCHEMA: Failure,
+}  # fmt: skip
+"""Documents by their version, with what their words follow from."""
+RECORDED: dict[str, str] = {
+    "vsr2.diagnosis/5": "35bdd52a5044b778",
+    "vsr2.iteration/1": "1e98753e9abf73ba",
+    "vsr2 result/3": "bef9853494f8c9dd",
+    "vsr2.campaign/1": "102e8d94b13c29ca",
+    "vsr2.blind-pack/2": "6b61faf1e6d65ba5",
+    "vsr2.blind-key/2": "157b8827b6742b8b",
+    "vsr2.blind-submission/1": "9055a5dd9f5fb4cb",
+}
+"""Of each version, the hash of its words. A changed set of words has a new version, and a new row
+here; the rows of old versions stay."""
+
+
+def digest(form: Any) -> str:
+    """Hash of the words of a document, in whatever order they are listed."""
+    return hashlib.sha256(json.dumps(sorted(set(words(form)))).encode()).hexdigest()[:16]
+
+
+@pytest.mark.parametrize("version", DOCUMENTS)
+def test_other_words_have_another_version(version: str) -> None:
+    found = digest(DOCUMENTS[version])
+    assert RECORDED.get(version) == found, (
+        f"keys or codes of {version} are not those that this version had: raise the version where "
+        f"it is defined, and record {found} for the new one"
+    )
+
+
+def test_a_new_code_changes_the_hash() -> None:
+    grown = {"properties": {"kind": {"enum": [*VerdictKind, "another"]}}}
+    assert digest(grown) != digest({"properties": {"kind": {"enum": [*VerdictKind]}}})
+    assert digest([Ended, VerdictKind]) != digest([Ended])

@@ -1,0 +1,150 @@
+"""Sentences about results stand in `report/messages` and its templates: docs/architecture.md."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+PACKAGE = Path(__file__).resolve().parents[2] / "python" / "vsr2"
+VALUED, PLAIN = 3, 5
+"""Words that make a sentence of a text with values in it, and of one without."""
+FAULT = re.compile(
+    r"(Error|Exception|warn|debug|info|warning|exception|problems?\.add|found\.add|refuse|Problem)$"
+)
+"""Calls whose text ends in an error, a warning or the log."""
+NO_RESULTS = ("report", "config")
+"""Rooms that word results, or hold none: the keys of a study and what is wrong with them."""
+ELSEWHERE = {
+    "analysis/baseline.py:Fitted": "labels of a table's column",
+    "argument_names.py:": "faults of a call",
+    "blind/custodian/measurements.py:Measurements": "a name in the journal of a pack",
+    "blind/form/": "faults of a pack's file",
+    "blind/mujoco/model.py:": "a scene in MuJoCo's XML",
+    "calibration/calibration_study.py:calibration_schema": "meaning of a key",
+    "calibration/evaluation_store.py:_KIND": "faults of a store",
+    "campaign/array_files.py:": "faults of a campaign's file",
+    "campaign/campaign.py:trial_faults": "faults of a campaign's trials",
+    "campaign/description.py:": "meaning of a file's keys",
+    "campaign/faults.py:": "faults of names and numbers",
+    "campaign/file_problems.py:": "faults of a campaign's files",
+    "campaign/laboratory.py:": "description of a laboratory's data, and faults of its table",
+    "campaign/trials_table.py:": "faults of a campaign's table",
+    "cli/": "help of a verb, and the note in a file of a motion",
+    "diagnosis/simulated/cache.py:_KIND": "faults of a store",
+    "diagnosis/simulated/contact_family.py:": "meaning of a nuisance",
+    "diagnosis/simulated/nuisances.py:": "meaning of a nuisance",
+    "effects/": "meaning of an effect, and a motion's description of what changed it",
+    "motion/": "a motion's description: what it was made of, as its files carry it",
+    "results/atomic.py:_REMEDY": "a remedy",
+    "results/dataset.py:_": "meaning of a variable",
+    "results/journal.py:_KIND": "faults of a store",
+    "results/result.py:TRIAL_COLUMNS": "meaning of a column",
+    "results/store.py:_reason": "faults of a record",
+    "scene/mesh_files.py:bytes_of": "a remedy",
+    "scene/mesh_repair.py:": "a remedy",
+    "scene/notes.py:WARNINGS": "templates of warnings",
+    "simulation/distributed.py:": "a trial's message, of an exception",
+    "simulation/effect_checks.py:EffectChecker": "where an error arose",
+    "simulation/shards.py:merge_shards": "faults of shards",
+    "trial/trial.py:_FIELDS": "a remedy",
+    "view/": "labels of the page that replays a trial",
+}
+"""Texts that become part of an error elsewhere, describe an input, or say what a name means: by
+module and statement at its top, or by what they begin with."""
+
+
+def template(node: ast.AST) -> tuple[str, int] | None:
+    """A text and the words that make it a sentence; None: the node is none."""
+    match node:
+        case ast.JoinedStr():
+            parts = [v.value if isinstance(v, ast.Constant) else "{}" for v in node.values]
+            return "".join(map(str, parts)), VALUED
+        case ast.Call(func=ast.Attribute(value=ast.Constant(value=str(text)), attr="format")):
+            return text, VALUED
+        case ast.BinOp(left=ast.Constant(value=str(text)), op=ast.Mod()):
+            return text, VALUED
+        case ast.Constant(value=str(text)):
+            return text, PLAIN
+    return None
+
+
+def on_the_way_to_a_fault(tree: ast.AST) -> set[int]:
+    """Nodes below a raise or a call that words a fault, and what is assigned to a name in one."""
+    faults = [
+        node
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Raise)
+        or (isinstance(node, ast.Call) and FAULT.search(ast.unparse(node.func)))
+    ]
+    inside = {id(child) for fault in faults for child in ast.walk(fault)}
+    for function in ast.walk(tree):
+        if not isinstance(function, ast.FunctionDef):
+            continue
+        nodes = list(ast.walk(function))
+        used = {n.id for n in nodes if isinstance(n, ast.Name) and id(n) in inside}
+        for node in nodes:
+            if isinstance(node, ast.Assign | ast.AugAssign):
+                targets = node.targets if isinstance(node, ast.Assign) else [node.target]
+                names = {n.id for one in targets for n in ast.walk(one) if isinstance(n, ast.Name)}
+                if names & used:
+                    inside |= {id(child) for child in ast.walk(node.value)}
+    return inside
+
+
+def sentences(source: str) -> Iterator[tuple[str, str]]:
+    """Texts of a module that read as sentences and end in no fault, each after the name of the
+    statement at the module's top that holds it."""
+    tree = ast.parse(source)
+    passed = on_the_way_to_a_fault(tree)
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Expr) and isinstance(node.value, ast.Constant):
+            passed.add(id(node.value))
+        elif isinstance(node, ast.JoinedStr):
+            passed |= {id(part) for part in node.values if isinstance(part, ast.Constant)}
+    for top in tree.body:
+        targets = getattr(top, "targets", [getattr(top, "target", None)])
+        name = getattr(top, "name", "") or getattr(targets[0], "id", "")
+        for node in ast.walk(top):
+            found = template(node)
+            if found is None or id(node) in passed:
+                continue
+            text, enough = found
+            if len(re.findall(r"(?<![\w/.{}`-])[A-Za-z]{2,}(?![\w/`-])", text)) >= enough:
+                yield name, text
+
+
+@pytest.mark.parametrize(
+    "source",
+    [
+        'def f(r):\n    return f"{r.n} of {r.m} trials overturned"\n',
+        'def f(r):\n    return "{} of {} trials overturned".format(r.n, r.m)\n',
+        'def f(r):\n    return "%d of %d trials overturned" % (r.n, r.m)\n',
+        'WHY = "No effect of the library explains the gap."\n',
+    ],
+)
+def test_a_sentence_about_a_result_is_seen(source: str) -> None:
+    assert len(list(sentences(source))) == 1
+
+
+def test_faults_and_docstrings_are_no_sentences_about_results() -> None:
+    source = (
+        'def f(r):\n    """Says a lot of a result in one line."""\n'
+        '    why = f"{r.n} of {r.m} trials overturned"\n    raise ValueError(why)\n'
+    )
+    assert list(sentences(source)) == []
+
+
+def test_results_are_worded_in_the_report_alone() -> None:
+    found = {
+        f"{place}:{name}": text
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if (place := path.relative_to(PACKAGE).as_posix()).split("/")[0] not in NO_RESULTS
+        for name, text in sentences(path.read_text())
+    }
+    assert {at: text for at, text in found.items() if not at.startswith(tuple(ELSEWHERE))} == {}
+    unused = [one for one in ELSEWHERE if not any(at.startswith(one) for at in found)]
+    assert unused == [], "remove what no longer stands there"
