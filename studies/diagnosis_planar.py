@@ -29,7 +29,8 @@ from numpy.typing import NDArray
 from planar.simulator import PlanarSimulator
 from planted import Rehearsal, shaken_campaign
 from vsr2.analysis.intervals import calibration_error
-from vsr2.diagnosis.posterior.training import Found, Posterior, label_probability, label_set
+from vsr2.diagnosis.posterior.calibration import label_probability, label_set
+from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.campaigns import Acting, simulate_campaigns
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters

@@ -60,6 +60,7 @@ CONTENT = {
     "gap": {
         "state": "found",
         "fit": 0.004,
+        "library_fit": 0.2,
         "effects": ["wear"],
         "before": estimate(0.8),
         "after": estimate(0.3),
@@ -103,8 +104,8 @@ CONTENT = {
     "negative_control": {"recalibrated": control(0.17, 0.7), "dealt": control(0.33, 0.6)},
     "unknown": {"probability": 0.1, "detection_rate": 0.4},
     "posterior": {
-        "temperature": 1.1, "none_limit": 0.3, "least_name": 0.85, "set_level": 0.95,
-        "wrong": 0.09, "named": 0.62, "detection_rate": 0.4, "campaigns": 2000,
+        "temperature": 1.1, "none_limit": 0.3, "least_name": 0.85, "least_together": 0.5,
+        "set_level": 0.95, "wrong": 0.09, "named": 0.62, "detection_rate": 0.4, "campaigns": 2000,
     },
     "next_measurement": {
         "kind": "split",

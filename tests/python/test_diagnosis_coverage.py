@@ -16,9 +16,10 @@ from vsr2.diagnosis.coverage.judged import Judged, RankOf, true_label, true_labe
 from vsr2.diagnosis.coverage.planted_campaigns import FIRST, draw_planted
 from vsr2.diagnosis.iteration import WORK_FILES
 from vsr2.diagnosis.observed.observations import observe_campaign
+from vsr2.diagnosis.posterior.calibration import label_probability
 from vsr2.diagnosis.posterior.parameters import Parameters
 from vsr2.diagnosis.posterior.sets import Sets
-from vsr2.diagnosis.posterior.training import TRAINING, label_probability
+from vsr2.diagnosis.posterior.truth import PRIOR
 from vsr2.diagnosis.posterior_check import CHECK_FIGURE, CHECK_FILES, check_with
 from vsr2.diagnosis.simulated.campaigns import draw_set
 from vsr2.diagnosis.simulated.look import Limit
@@ -101,7 +102,7 @@ def test_planted_causes_come_in_the_shares_of_the_prior() -> None:
     planted = draw_planted(library, limits, count, most=2, seed=3)
     kinds = [len(one.acting) if not one.lacking else -1 for one in planted]
     # Three standard errors of a share of one half at 2000 draws are 0.034.
-    for kind, share in zip((0, 1, 2, -1), (*TRAINING.sizes(2), TRAINING.outside), strict=True):
+    for kind, share in zip((0, 1, 2, -1), (*PRIOR.sizes(2), PRIOR.outside), strict=True):
         assert kinds.count(kind) / count == pytest.approx(share, abs=0.034)
     assert len({one.row for one in planted}) == count
     assert all(one.row >= FIRST for one in planted)

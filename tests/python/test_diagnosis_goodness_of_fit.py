@@ -1,4 +1,4 @@
-"""Goodness of fit of the model without effect."""
+"""Goodness of fit of the model without effect, and of the library."""
 
 from __future__ import annotations
 
@@ -6,6 +6,8 @@ import numpy as np
 import pytest
 
 from vsr2.diagnosis.posterior.goodness_of_fit import (
+    LIBRARY_FIT,
+    LibraryFit,
     fit_probability,
     held_out_misfits,
     misfit,
@@ -84,3 +86,19 @@ def test_new_campaigns_without_effect_seldom_misfit_and_others_do() -> None:
     assert rejected < 0.03
     assert mean == pytest.approx(0.5, abs=0.06)
     assert shares(1 - CHANCE)[0] == 1.0
+
+
+def test_what_is_left_is_compared_among_campaigns_of_like_misfit() -> None:
+    """Large effects leave a smaller share: what is common among small ones is rare among them."""
+    rng = np.random.default_rng(3)
+    size = rng.uniform(-1.0, 2.0, 4000)
+    fit = LibraryFit.of(size, -size + 0.2 * rng.standard_normal(4000))
+    new = rng.uniform(-1.0, 2.0, 1000)
+    tails = np.array([fit.probability(s, -s + 0.2 * rng.standard_normal()) for s in new])
+    # Uniform, but for the slope within the like ones: 0.3 wide, half a deviation to either side.
+    assert 0.002 <= (tails < 0.01).mean() <= 0.03
+    assert tails.mean() == pytest.approx(0.5, abs=0.05)
+    assert fit.probability(2.0, 0.0) < 0.01
+    assert fit.probability(0.0, 0.0) > 0.2
+    count = max(LIBRARY_FIT.fewest, int(LIBRARY_FIT.like * 4000))
+    assert fit.probability(5.0, 0.0) == pytest.approx(1 / (1 + count))

@@ -7,9 +7,16 @@ import itertools
 import numpy as np
 import pytest
 
-from vsr2.diagnosis.posterior.naming import NAMING, Naming, candidates, decide, is_wrong
+from vsr2.diagnosis.posterior.calibration import label_probability
+from vsr2.diagnosis.posterior.naming import (
+    NAMING,
+    Naming,
+    NamingLimits,
+    candidates,
+    decide,
+    is_wrong,
+)
 from vsr2.diagnosis.posterior.sets import Sets, are_alike, classes, declared_alike
-from vsr2.diagnosis.posterior.training import label_probability
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.effects import library as full_library
 
@@ -109,7 +116,7 @@ def probabilities(**given):
 
 def said(alike=DISTINCT, none_limit=0.3, least=0.8, **given):
     found = candidates(probabilities(**given), SETS, alike)
-    naming = decide(found, none_limit=none_limit, least=least, alike=alike)
+    naming = decide(found, NamingLimits(none_limit, least, least), alike)
     return str(naming.kind), tuple(SETS.names[e] for e in naming.effects), naming
 
 
@@ -192,13 +199,32 @@ def test_the_most_causes_are_named_that_act_together() -> None:
             p[three.index(names)] = value
         p[0] = 1 - p.sum()
         found = candidates(p, three, DISTINCT)
-        return decide(found, none_limit=0.3, least=0.8, alike=DISTINCT)
+        return decide(found, NamingLimits(0.3, 0.8, 0.8), DISTINCT)
 
     every = of(abc=0.85, ab=0.1)
     assert (every.kind, every.findings) == (VerdictKind.SEVERAL, ((0,), (1,), (2,)))
     some = of(acd=0.5, bcd=0.4)
     assert (some.kind, some.findings) == (VerdictKind.PAIR, ((2,), (3,)))
     assert some.probability == pytest.approx(1.0)
+
+
+def test_causes_that_act_together_have_a_limit_of_their_own() -> None:
+    found = candidates(probabilities(a=0.55, ab=0.35), SETS, DISTINCT)
+
+    def kind(one, together):
+        return str(decide(found, NamingLimits(0.3, one, together), DISTINCT).kind)
+
+    assert kind(0.8, 0.35) == "pair"
+    assert kind(0.8, 0.5) == "effect"
+
+
+def test_what_the_library_leaves_unexplained_is_unknown_whatever_the_posterior_says() -> None:
+    found = candidates(probabilities(a=0.99), SETS, DISTINCT)
+    limits = NamingLimits(0.3, 0.8, 0.8)
+    assert str(decide(found, limits, DISTINCT, library_fit=0.02).kind) == "effect"
+    assert str(decide(found, limits, DISTINCT, library_fit=0.005).kind) == "unknown"
+    clean = candidates(probabilities(a=0.1), SETS, DISTINCT)
+    assert str(decide(clean, limits, DISTINCT, library_fit=0.005).kind) == "none"
 
 
 def test_a_name_is_wrong_where_none_of_it_acts() -> None:

@@ -54,6 +54,27 @@ def test_intervals_hold_what_they_state(noise, most) -> None:
     assert np.mean(width) < max(1.7 * least, 0.3 * (high - low))
 
 
+@pytest.mark.parametrize("count", [6, 12])
+def test_intervals_of_few_campaigns_are_as_wide_as_these_are_few(count) -> None:
+    """The scatter of a few misses is not known well; their extremes hold (n - 1) / (n + 1)."""
+    rng = np.random.default_rng(1)
+    low, high = GAIN.parameters[0].lower, GAIN.parameters[0].upper
+    way = np.ones(40) / math.sqrt(40)
+
+    def seen(values):
+        return 20 * values[:, None] / (high - low) * way + rng.standard_normal((values.size, 40))
+
+    covered = []
+    for _ in range(150):
+        values, truth = rng.uniform(low, high, count), rng.uniform(low, high, 1)
+        own = fitted(GAIN, values[:, None], seen(values))
+        samples = own.sample("table_gain", seen(truth)[0])[:, 0]
+        ends = np.quantile(samples, [0.05, 0.95])
+        covered.append(bool(ends[0] <= truth[0] <= ends[1]))
+    # Binomial, with a standard error of 0.03; the extremes of six hold 0.71.
+    assert np.mean(covered) >= 0.8
+
+
 def test_sizes_beyond_the_simulated_ones_are_reached() -> None:
     """The look's detection limit may be too low, and with it the largest size simulated."""
     rng = np.random.default_rng(7)

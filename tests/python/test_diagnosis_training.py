@@ -13,19 +13,25 @@ from planar.library import PLANAR_LIBRARY
 from planted import first
 from vsr2.diagnosis import ProtocolCache
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.posterior.discrepancy import disturbed
-from vsr2.diagnosis.posterior.files import load_posterior, save_posterior
-from vsr2.diagnosis.posterior.naming import candidates, decide, is_wrong
-from vsr2.diagnosis.posterior.sets import Sets
-from vsr2.diagnosis.posterior.training import (
-    TRAINING,
-    _levels,
+from vsr2.diagnosis.posterior.calibration import (
+    CALIBRATION,
     _set_level,
-    _Truth,
+    calibrate,
     label_set,
     pooled,
-    train,
 )
+from vsr2.diagnosis.posterior.discrepancy import disturbed
+from vsr2.diagnosis.posterior.files import load_posterior, save_posterior
+from vsr2.diagnosis.posterior.naming import (
+    NAMING,
+    NamingLimits,
+    candidates,
+    decide,
+    is_wrong,
+)
+from vsr2.diagnosis.posterior.sets import Sets
+from vsr2.diagnosis.posterior.training import train
+from vsr2.diagnosis.posterior.truth import PRIOR, Truth
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.campaigns import Acting, Campaigns, simulate_campaigns
 from vsr2.errors import ResultError
@@ -40,7 +46,7 @@ SETS = Sets(tuple(LIBRARY))
 def truth_of(sets):
     acting = tuple(tuple(Acting(n, 1, 1.0, (0.0,)) for n in names) for names in sets)
     blank = np.zeros((len(sets), 1))
-    return _Truth.of(Campaigns(acting, blank, blank, blank, None), SETS, LIBRARY)
+    return Truth.of(Campaigns(acting, blank, blank, blank, None), SETS, LIBRARY)
 
 
 MANY = truth_of(
@@ -55,7 +61,7 @@ FITTING = np.ones(1000)
 def test_campaigns_count_by_the_prior_however_many_there_are() -> None:
     count = MANY.acting.sum(axis=1)
     weight = np.array([MANY.weight[count == k].sum() for k in range(3)]) / MANY.weight.sum()
-    wanted = np.array([TRAINING.none, TRAINING.one, TRAINING.two])
+    wanted = np.array([PRIOR.none, PRIOR.one, PRIOR.two])
     np.testing.assert_allclose(weight, wanted / wanted.sum())
     np.testing.assert_array_equal(SETS.members[MANY.index], MANY.acting)
 
@@ -69,9 +75,9 @@ def test_libraries_lack_a_cause_or_what_does_not_act() -> None:
     np.testing.assert_array_equal(outside, lacks_own)
     assert not outside[~acting.any(axis=1)].any()
     some = acting.any(axis=1)
-    assert outside[some].mean() == pytest.approx(TRAINING.left_out, abs=0.01)
+    assert outside[some].mean() == pytest.approx(PRIOR.left_out, abs=0.01)
     decoys = ~allowed.all(axis=1) & ~outside
-    assert decoys[~some].mean() == pytest.approx(TRAINING.decoy, abs=0.015)
+    assert decoys[~some].mean() == pytest.approx(PRIOR.decoy, abs=0.015)
     # The gain and the slenderness are declared alike: they lack together half of the time.
     lacking = ~allowed[outside & acting[:, 0]]
     assert lacking[:, 0].all()
@@ -82,14 +88,14 @@ def test_libraries_lack_a_cause_or_what_does_not_act() -> None:
 # --- calibration ---------------------------------------------------------------------------------
 
 
-def exact_logs(truth: _Truth, sharpness: float, seed: int):
+def exact_logs(truth: Truth, sharpness: float, seed: int):
     """A posterior that is exact: of one deviation, about a point for each set."""
     rng = np.random.default_rng(seed)
     points = 1.4 * np.random.default_rng(9).standard_normal((len(SETS), 5))
     prior = np.full(len(SETS), 1e-9)
     for k in np.unique(truth.index):
         prior[k] = truth.weight[truth.index == k].sum()
-    prior[SETS.outside] = prior.sum() * TRAINING.outside / (1 - TRAINING.outside)
+    prior[SETS.outside] = prior.sum() * PRIOR.outside / (1 - PRIOR.outside)
 
     def log(index):
         x = points[index] + rng.standard_normal((index.size, 5))
@@ -103,7 +109,7 @@ def exact_logs(truth: _Truth, sharpness: float, seed: int):
 
 @pytest.mark.parametrize("sharpness", [1.0, 2.5])
 def test_the_temperature_undoes_a_claim(sharpness) -> None:
-    levels = _levels(exact_logs(MANY, sharpness, 1), MANY, FITTING)
+    levels = calibrate(exact_logs(MANY, sharpness, 1), MANY, (FITTING, FITTING))
     assert levels.temperature == pytest.approx(sharpness, rel=0.1)
 
 
@@ -112,47 +118,67 @@ def test_the_mean_of_networks_is_calibrated_and_not_each_of_them() -> None:
     exact = exact_logs(MANY, 1.0, 5)
     rng = np.random.default_rng(6)
     eight = tuple(one + 2.5 * rng.standard_normal((8, *one.shape[1:])) for one in exact)
-    assert _levels(eight, MANY, FITTING).temperature < 0.95
+    assert calibrate(eight, MANY, (FITTING, FITTING)).temperature < 0.95
     first_alone = tuple(one[:1] for one in eight)
-    assert _levels(first_alone, MANY, FITTING).temperature > 1.2
+    assert calibrate(first_alone, MANY, (FITTING, FITTING)).temperature > 1.2
 
 
-def test_names_are_wrong_as_often_as_they_may_be_and_the_limit_is_the_least_that_keeps_it() -> None:
+def test_limits_name_the_most_causes_rightly_while_names_are_wrong_as_seldom_as_they_must() -> None:
     logs = exact_logs(MANY, 1.0, 2)
-    levels = _levels(logs, MANY, FITTING)
+    levels = calibrate(logs, MANY, (FITTING, FITTING))
     acting = MANY.acting.any(axis=1)
     p = pooled(np.concatenate([logs[0], logs[1][:, acting]], axis=1), levels.temperature)
-    outside = MANY.weight[acting] * TRAINING.outside / (1 - TRAINING.outside)
+    outside = MANY.weight[acting] * PRIOR.outside / (1 - PRIOR.outside)
     outside *= MANY.weight.sum() / MANY.weight[acting].sum()
     weight = np.concatenate([MANY.weight, outside])
-    assert outside.sum() / weight.sum() == pytest.approx(TRAINING.outside)
+    assert outside.sum() / weight.sum() == pytest.approx(PRIOR.outside)
     owners = [tuple(np.flatnonzero(row)) for row in MANY.acting] + [()] * int(acting.sum())
     plain = np.flatnonzero(~acting)
-    assert levels.none_limit == pytest.approx(np.quantile(p[plain, 0], TRAINING.false_alarms))
+    assert levels.none_limit == pytest.approx(np.quantile(p[plain, 0], CALIBRATION.false_alarms))
 
-    def share(least):
-        options = {"none_limit": levels.none_limit, "least": least, "alike": MANY.alike}
-        said = [decide(candidates(one, SETS, MANY.alike), **options) for one in p]
+    found = [candidates(one, SETS, MANY.alike) for one in p]
+
+    def shares(one, together):
+        limits = NamingLimits(levels.none_limit, one, together)
+        said = [decide(own, limits, MANY.alike) for own in found]
         named = np.array([str(s.kind) in ("effect", "class", "pair") for s in said])
         wrong = np.array([is_wrong(s, own) for s, own in zip(said, owners, strict=True)])
         alarms = np.mean([str(said[i].kind) != "none" for i in plain])
-        assert alarms <= TRAINING.false_alarms + 1 / plain.size
-        return weight[wrong].sum() / weight[named].sum(), weight[named].sum() / weight.sum()
+        assert alarms <= CALIBRATION.false_alarms + 1 / plain.size
+        right = np.array([(not bad) * len(s.findings) for s, bad in zip(said, wrong, strict=True)])
+        return (
+            weight[wrong].sum() / weight[named].sum(),
+            weight[named].sum() / weight.sum(),
+            (weight * named * right).sum(),
+        )
 
-    place = TRAINING.names.index(levels.least_name)
-    assert place > 0
-    assert share(levels.least_name) == pytest.approx((levels.wrong, levels.named))
-    assert levels.wrong <= TRAINING.wrong < share(TRAINING.names[place - 1])[0]
+    wrong, named, right = shares(levels.least_name, levels.least_together)
+    assert (wrong, named) == pytest.approx((levels.wrong, levels.named))
+    assert wrong <= CALIBRATION.wrong
+    others = [
+        shares(one, together)
+        for one in CALIBRATION.one[::7]
+        for together in CALIBRATION.together[::9]
+    ]
+    assert any(share > CALIBRATION.wrong for share, *_ in others), "no limit is too low"
+    assert right >= max(own for share, _, own in others if share <= CALIBRATION.wrong) - 1e-9
 
 
 def test_levels_are_set_on_verdicts_that_see_the_fit() -> None:
     """A campaign of which none is not excluded is named or unresolved where it does not fit."""
     logs = exact_logs(MANY, 1.0, 2)
     misfitting = np.where(MANY.acting.any(axis=1), 1e-3, 1.0)
-    free, held = _levels(logs, MANY, FITTING), _levels(logs, MANY, misfitting)
+    free, held = (
+        calibrate(logs, MANY, (FITTING, FITTING)),
+        calibrate(logs, MANY, (misfitting, FITTING)),
+    )
     assert held.none_limit == free.none_limit
-    assert held.wrong <= TRAINING.wrong
+    assert held.wrong <= CALIBRATION.wrong
     assert (held.named, held.least_name) != (free.named, free.least_name)
+    unexplained = calibrate(logs, MANY, (FITTING, misfitting))
+    # All that acts is left unexplained, so only a false alarm can be named.
+    assert unexplained.named <= CALIBRATION.false_alarms * PRIOR.none
+    assert unexplained.detection_rate > free.detection_rate
 
 
 @pytest.mark.parametrize("sharpness", [0.5, 1.0, 2.0])
@@ -168,7 +194,7 @@ def test_sets_hold_the_truth_nine_times_in_ten_whatever_probabilities_claim(shar
         held.append(bool(wanted & set(labels)))
         size.append(len(labels))
     # A thousand campaigns, and as many that set the level.
-    assert np.average(held, weights=MANY.weight) == pytest.approx(TRAINING.coverage, abs=0.04)
+    assert np.average(held, weights=MANY.weight) == pytest.approx(CALIBRATION.coverage, abs=0.04)
     assert 1 < np.mean(size) < 3
 
 
@@ -218,7 +244,7 @@ def test_probabilities_are_those_of_being_right(trained) -> None:
     outcome, noted = disturbed(
         trained.planted.overturned, trained.noted, standard.probability, standard.scatter, kept, rng
     )
-    truth = _Truth.of(trained.planted, own.sets, linear().library)
+    truth = Truth.of(trained.planted, own.sets, linear().library)
     p = np.array([own.infer(o, f).probability for o, f in zip(outcome, noted, strict=True)])
     p = p[:, :-1] / (1 - p[:, -1:])
     right = p.argmax(axis=1) == truth.index
@@ -226,6 +252,22 @@ def test_probabilities_are_those_of_being_right(trained) -> None:
     # 400 campaigns: a standard error of 0.025, and as much of those that calibrate.
     assert stated == pytest.approx(np.average(right, weights=truth.weight), abs=0.09)
     assert right.mean() > 0.35, "of 16 sets"
+
+
+def test_outcomes_dealt_at_random_are_explained_by_no_effect(trained) -> None:
+    rng = np.random.default_rng(12)
+    posterior, planted = trained.posterior, trained.planted
+    own = [found.library_fit for found, _ in trained.found()]
+    # 400 campaigns of the same prior: a standard error of 0.005.
+    assert np.mean(np.array(own) < NAMING.least_fit) <= 0.025
+    fits, kinds = [], set()
+    for i in range(60):
+        dealt = rng.permutation(planted.overturned.shape[1])
+        found = posterior.infer(planted.overturned[i][dealt], trained.noted[i][dealt])
+        fits.append(found.library_fit)
+        kinds.add(str(found.naming.kind))
+    assert np.mean(np.array(fits) < NAMING.least_fit) > 0.95
+    assert "unknown" in kinds
 
 
 def test_gap_free_campaigns_are_said_to_be_so(trained) -> None:

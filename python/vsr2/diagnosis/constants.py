@@ -12,12 +12,15 @@ from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.observed.features import SERIES
 from vsr2.diagnosis.observed.observations import OBSERVED
 from vsr2.diagnosis.observed.table_motion import TABLE
+from vsr2.diagnosis.posterior.calibration import CALIBRATION
 from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
+from vsr2.diagnosis.posterior.goodness_of_fit import LIBRARY_FIT
 from vsr2.diagnosis.posterior.naming import NAMING
 from vsr2.diagnosis.posterior.network import NETWORK
 from vsr2.diagnosis.posterior.parameters import PARAMETERS
 from vsr2.diagnosis.posterior.summaries import SUMMARY
 from vsr2.diagnosis.posterior.training import TRAINING
+from vsr2.diagnosis.posterior.truth import PRIOR
 from vsr2.diagnosis.simulated.campaigns import SET_PRIOR
 from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.look import LOOK
@@ -63,8 +66,11 @@ def diagnosis_constants() -> dict[str, dict[str, Any]]:
         "discrepancy": asdict(DISCREPANCY),
         "summaries": asdict(SUMMARY),
         "network": asdict(NETWORK),
+        "prior": asdict(PRIOR),
         "training": asdict(TRAINING),
+        "calibration": asdict(CALIBRATION),
         "parameters": asdict(PARAMETERS),
+        "library_fit": asdict(LIBRARY_FIT),
         "naming": asdict(NAMING),
         "noise_floor": asdict(NOISE_FLOOR),
         "scan": asdict(SCAN),

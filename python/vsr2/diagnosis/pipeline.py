@@ -24,8 +24,9 @@ from vsr2.diagnosis.observed.observations import (
     observe_campaign,
     same_trials,
 )
+from vsr2.diagnosis.posterior.calibration import label_probability
 from vsr2.diagnosis.posterior.files import load_posterior, save_posterior
-from vsr2.diagnosis.posterior.training import Found, Posterior, label_probability, train
+from vsr2.diagnosis.posterior.training import Found, Posterior, train
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.campaigns import (

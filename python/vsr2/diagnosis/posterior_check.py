@@ -26,9 +26,9 @@ from vsr2.diagnosis.coverage.judged import Judged, judge_planted
 from vsr2.diagnosis.coverage.planted_campaigns import Planted, draw_planted
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
 from vsr2.diagnosis.pipeline import Progress, Report, Stage
+from vsr2.diagnosis.posterior.calibration import CALIBRATION
 from vsr2.diagnosis.posterior.discrepancy import Disturbance
 from vsr2.diagnosis.posterior.files import load_posterior
-from vsr2.diagnosis.posterior.training import TRAINING
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.campaigns import (
@@ -93,7 +93,7 @@ class PosteriorCheck(OneLine):
                 for one in (*together, *scores.parameters)
             ],
             "causes": {
-                "level": TRAINING.coverage,
+                "level": CALIBRATION.coverage,
                 **_score("held", scores.causes),
                 "size": scores.set_size,
             },

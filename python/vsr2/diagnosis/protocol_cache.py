@@ -8,11 +8,15 @@ from pathlib import Path
 
 from vsr2.diagnosis.observed.features import Sampling
 from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.posterior.calibration import CALIBRATION
 from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
+from vsr2.diagnosis.posterior.goodness_of_fit import LIBRARY_FIT
+from vsr2.diagnosis.posterior.naming import NAMING
 from vsr2.diagnosis.posterior.network import NETWORK
 from vsr2.diagnosis.posterior.parameters import PARAMETERS
 from vsr2.diagnosis.posterior.summaries import SUMMARY
 from vsr2.diagnosis.posterior.training import TRAINING
+from vsr2.diagnosis.posterior.truth import PRIOR
 from vsr2.diagnosis.simulated.campaigns import SET_PRIOR
 
 SIMULATIONS, POSTERIORS = "simulations.jsonl", "posterior-*.npz"
@@ -54,7 +58,10 @@ class ProtocolCache:
             most: effects that may act together.
         """
         digest = hashlib.blake2b(digest_size=8)
-        constants = (SUMMARY, DISCREPANCY, NETWORK, TRAINING, PARAMETERS, SET_PRIOR)
+        constants = (
+            SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATION,
+            PARAMETERS, SET_PRIOR,
+        )  # fmt: skip
         parts = (
             identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
             seen.tilt_noise, seen.rest_noise, campaigns, seed, most,

@@ -10,8 +10,9 @@ from numpy.typing import NDArray
 
 from vsr2.analysis.ranks import rank
 from vsr2.diagnosis.coverage.planted_campaigns import Planted
+from vsr2.diagnosis.posterior.calibration import label_probability, label_set
 from vsr2.diagnosis.posterior.sets import Sets
-from vsr2.diagnosis.posterior.training import Found, Posterior, label_probability, label_set
+from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters
 
 Array = NDArray[np.float64]

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from vsr2.diagnosis.posterior.sets import declared_alike
-from vsr2.diagnosis.posterior.training import TRAINING, left_out_together
+from vsr2.diagnosis.posterior.truth import PRIOR, left_out_together
 from vsr2.diagnosis.simulated.campaigns import Acting, draw_set, insensitive
 from vsr2.diagnosis.simulated.library import Library, Side
 from vsr2.diagnosis.simulated.look import Limit
@@ -66,9 +66,9 @@ def draw_planted(
             "no effect that is looked for shows in this campaign, so nothing can be planted"
         )
     rng = np.random.default_rng([seed, STREAM])
-    prior = np.array(TRAINING.sizes(most))
+    prior = np.array(PRIOR.sizes(most))
     reached = prior[: len(shown) + 1]
-    shares = np.append((1 - TRAINING.outside) * reached / reached.sum(), TRAINING.outside)
+    shares = np.append((1 - PRIOR.outside) * reached / reached.sum(), PRIOR.outside)
     kinds = rng.choice(shares.size, count, p=shares)
     names, alike = list(library), declared_alike(library)
     drawn = {

@@ -11,16 +11,18 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.posterior.calibration import Levels
+from vsr2.diagnosis.posterior.goodness_of_fit import LibraryFit
 from vsr2.diagnosis.posterior.network import Network
 from vsr2.diagnosis.posterior.parameters import Parameters
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
 from vsr2.diagnosis.posterior.summaries import Standard, Summaries
-from vsr2.diagnosis.posterior.training import Levels, Posterior
+from vsr2.diagnosis.posterior.training import Posterior
 from vsr2.diagnosis.simulated.library import Library
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
-FORMAT = 7
+FORMAT = 8
 """Of the file, and of what features are: a posterior of another form is trained again."""
 
 
@@ -43,6 +45,8 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
         "scale": posterior.scale,
         "gap_free": posterior.gap_free,
         "misfits": posterior.misfits,
+        "library_fit_size": posterior.library_fit.size,
+        "library_fit_unexplained": posterior.library_fit.unexplained,
         "residuals": posterior.parameters.residuals,
     }
     for k, network in enumerate(posterior.networks):
@@ -114,6 +118,9 @@ def load_posterior(path: Path, library: Library) -> Posterior | None:
                 alike=declared_alike(library),
                 gap_free=file["gap_free"],
                 misfits=file["misfits"],
+                library_fit=LibraryFit(
+                    file["library_fit_size"], file["library_fit_unexplained"]
+                ),
                 campaigns=about["campaigns"],
             )  # fmt: skip
     except (OSError, ValueError, KeyError, TypeError, zipfile.BadZipFile) as error:

@@ -1,13 +1,19 @@
-"""Goodness of fit of the model without effect: a check that needs no alternative.
+"""Goodness of fit, of the model without effect and of the library: checks without an alternative.
 
 The posterior weighs hypotheses against one another. Where all of them fit badly, the least bad wins
-with a high probability. So the campaign is also held against simulated campaigns without effect:
-the misfit is the mean square of standardised outcomes and features, and its tail probability
-that of a prior predictive check (G. E. P. Box, "Sampling and Bayes' inference in scientific
-modelling and robustness", J. R. Stat. Soc. A 143, 1980).
+with a high probability. So the campaign is also held against simulated ones, in prior predictive
+checks (G. E. P. Box, "Sampling and Bayes' inference in scientific modelling and robustness", J. R.
+Stat. Soc. A 143, 1980):
+
+- against those without effect by its misfit, the mean square of standardised outcomes and features;
+- against all, with effects and without, by the share of its misfit that the discriminants of the
+  library do not reproduce. Large effects leave a smaller share than small ones, so it is compared
+  among campaigns of like misfit.
 """
 
 from __future__ import annotations
+
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -48,6 +54,57 @@ def held_out_misfits(copies: Copies, gap_free: NDArray[np.bool_], fold: NDArray[
         for row, (outcome, features) in zip(out, copies[1:], strict=True):
             row[held] = misfit(standard.residuals(outcome[held], features[held]))
     return out
+
+
+@dataclass(frozen=True)
+class LibraryFitConstants:
+    """With which campaigns one is compared; chosen by hand.
+
+    Attributes:
+        like: share of the simulated campaigns, those whose misfit is nearest.
+        fewest: such campaigns, if there are as many; a tail probability below `NAMING.least_fit`
+            needs a hundred.
+    """
+
+    like: float = 0.1
+    fewest: int = 200
+
+
+LIBRARY_FIT = LibraryFitConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class LibraryFit:
+    """What the library leaves unexplained of simulated campaigns, disturbed and held out.
+
+    Attributes:
+        size: logarithms of their misfits, rising, shape (n,).
+        unexplained: logarithms of the shares of these that are left, shape (n,).
+    """
+
+    size: Array
+    unexplained: Array
+
+    @classmethod
+    def of(cls, size: Array, unexplained: Array) -> LibraryFit:
+        """From campaigns in any order, both shape (n,)."""
+        order = np.argsort(size, kind="stable")
+        return cls(size[order], unexplained[order])
+
+    def probability(self, size: float, unexplained: float) -> float:
+        """Share of the campaigns of like misfit of which at least as much is left.
+
+        The observed one counts with them, so that no probability is 0.
+
+        Args:
+            size: logarithm of the misfit.
+            unexplained: logarithm of the share that is left.
+        """
+        count = min(max(LIBRARY_FIT.fewest, int(LIBRARY_FIT.like * len(self.size))), len(self.size))
+        middle = int(np.searchsorted(self.size, size))
+        first = int(np.clip(middle - count // 2, 0, len(self.size) - count))
+        above = int((self.unexplained[first : first + count] >= unexplained).sum())
+        return (1 + above) / (1 + count)
 
 
 def fit_probability(observed: Array, gap_free: Array) -> Array:

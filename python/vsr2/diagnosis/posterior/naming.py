@@ -38,7 +38,7 @@ class VerdictKind(StrEnum):
 
 @dataclass(frozen=True)
 class NamingConstants:
-    """Limits of the rule; chosen by hand, but for the two that training sets.
+    """Limits of the rule that are chosen by hand; `NamingLimits` has those that training chooses.
 
     Attributes:
         classes: of effects that may be named as one finding.
@@ -46,7 +46,8 @@ class NamingConstants:
         second: probability of two effects or more, given a gap, from which a name says that a
             second is likely.
         least_fit: tail probability among simulated campaigns without effect below which there is a
-            gap, whatever the posterior says.
+            gap, whatever the posterior says; and tail probability of what the library leaves
+            unexplained, among all simulated campaigns, below which no effect of it is named.
     """
 
     classes: int = 3
@@ -195,38 +196,73 @@ def _frozen(findings: list[list[int]]) -> Findings:
     return tuple(tuple(one) for one in findings)
 
 
+@dataclass(frozen=True)
+class NamingLimits:
+    """What the rule asks for; training chooses all three.
+
+    Attributes:
+        none: probability of none below which there is a gap.
+        one: probability, given a gap, that the name of one cause must have.
+        together: that of the names of causes that act together.
+    """
+
+    none: float
+    one: float
+    together: float
+
+
 def decide(
     found: Candidates,
-    *,
-    none_limit: float,
-    least: float,
+    limits: NamingLimits,
     alike: NDArray[np.bool_],
+    *,
     fit: float = 1.0,
+    library_fit: float = 1.0,
 ) -> Naming:
     """What is said.
 
-    None is said unless its probability is below what one gap-free campaign in twenty has, or the
-    campaign does not fit simulations without effect. A cause
-    outside the library is said where it outweighs. Else the most causes are named that act together
-    with the probability `least`, given a gap; each is an effect or effects that are declared alike.
-    Else the smallest set of effects is named of which one acts with that probability. Where the
-    next effect is declared alike to the first, both are named.
+    None is said unless its probability is below its limit, or the campaign does not fit simulations
+    without effect. A cause outside the library is said where it outweighs, or where the library
+    leaves more unexplained than of simulated campaigns. Else causes that act together are named,
+    else one.
 
     Args:
         found: of the campaign.
-        none_limit: 5 % point of the probability of none over gap-free campaigns.
-        least: probability that a name must have, given a gap.
+        limits: of probabilities.
         alike: effects declared alike, shape (effects, effects).
         fit: tail probability among simulated campaigns without effect.
+        library_fit: that of what the library leaves unexplained, among all simulated campaigns.
     """
-    if found.none >= none_limit and fit >= NAMING.least_fit:
+    if found.none >= limits.none and fit >= NAMING.least_fit:
         return Naming(VerdictKind.NONE, (), found.none)
-    if found.outside > NAMING.outside:
+    if found.outside > NAMING.outside or library_fit < NAMING.least_fit:
         return Naming(VerdictKind.UNKNOWN, (), found.outside)
+    return several_causes(found, limits.together) or one_cause(found, limits.one, alike)
+
+
+def several_causes(found: Candidates, least: float) -> Naming | None:
+    """The most causes that act together with a probability, given a gap; None: there are none.
+
+    Each is an effect, or effects that are declared alike.
+    """
     for findings, probability in found.together:
         if probability >= least:
             kind = VerdictKind.PAIR if len(findings) == 2 else VerdictKind.SEVERAL
             return Naming(kind, findings, min(probability, 1.0), len(findings))
+    return None
+
+
+def one_cause(found: Candidates, least: float, alike: NDArray[np.bool_]) -> Naming:
+    """The smallest set of effects of which one acts with a probability, given a gap.
+
+    Where the next effect is declared alike to the first, both are named. Unresolved: it takes more
+    than `NAMING.classes` classes.
+
+    Args:
+        found: of the campaign.
+        least: that probability.
+        alike: effects declared alike, shape (effects, effects).
+    """
     reached = [k for k, covered in enumerate(found.covered) if covered >= least]
     if not reached or found.classes[reached[0]] > NAMING.classes:
         count = sum(c <= NAMING.classes for c in found.classes)

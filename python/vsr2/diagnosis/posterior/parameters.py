@@ -5,7 +5,9 @@ acts. A sample is the regressed value of the observed campaign, plus what the re
 one of the simulated campaigns whose regressed values lie nearest: regression adjustment (M. A.
 Beaumont, W. Zhang, D. J. Balding, "Approximate Bayesian computation in population genetics",
 Genetics 162, 2002). What it missed is of a regression without that campaign, so that intervals hold
-what they state.
+what they state. Where these campaigns are few, their scatter is uncertain, too: samples are spread
+about their mean as those of Student's t are, whose variance is that of n values and unknown (A.
+Gelman et al., "Bayesian Data Analysis", 3rd edition, 2013, section 3.2).
 """
 
 from __future__ import annotations
@@ -34,6 +36,7 @@ class ParameterConstants:
         share: of those in which the effect acts, at least.
         samples: of a posterior.
         least_weight: of a nearest campaign, over that of one at no distance.
+        least_freedom: degrees of freedom of the samples' spread.
     """
 
     penalty: float = 0.05
@@ -42,6 +45,7 @@ class ParameterConstants:
     share: float = 0.5
     samples: int = 400
     least_weight: float = 0.05
+    least_freedom: float = 1.0
 
 
 PARAMETERS = ParameterConstants()
@@ -82,8 +86,11 @@ class Parameters:
         near, weight, shift = self._nearest(name, residuals, columns)
         rng = np.random.default_rng([seed, 41])
         chosen = rng.choice(near.size, PARAMETERS.samples, p=weight)
-        targets = self._targets(name)
-        return self._values(name, targets[near[chosen]] + shift[chosen])
+        points = self._targets(name)[near] + shift
+        mean, count = weight @ points, 1 / float((weight**2).sum())
+        freedom = max(count - 1, PARAMETERS.least_freedom)
+        spread = np.sqrt((1 + 1 / count) * freedom / rng.chisquare(freedom, chosen.size))
+        return self._values(name, mean + spread[:, None] * (points[chosen] - mean))
 
     def expected(self, name: str, residuals: Array) -> Array:
         """Mean residuals of campaigns like one in which an effect acts, shape (columns,)."""

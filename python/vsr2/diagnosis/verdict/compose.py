@@ -13,7 +13,8 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.how_far.held_out import CONTROLS, HowFar, Loss, rows
 from vsr2.diagnosis.how_far.waterfall import Waterfall
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.posterior.training import Found, Posterior, label_set
+from vsr2.diagnosis.posterior.calibration import label_set
+from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters, is_angle
 from vsr2.diagnosis.verdict.document import SCHEMA, Diagnosis
 from vsr2.diagnosis.verdict.limits import LIMITS, limits_of_the_data, limits_of_the_verdict
@@ -128,6 +129,7 @@ def _gap(evidence: Evidence) -> dict[str, Any]:
     return {
         "state": str(evidence.verdict.gap),
         "fit": evidence.found.fit,
+        "library_fit": evidence.found.library_fit,
         "effects": list(how_far.names),
         **{name: how_far.mean(name).to_json() for name in (Loss.BEFORE, Loss.AFTER, Loss.FLOOR)},
         "excess": how_far.excess(Loss.BEFORE).to_json(),

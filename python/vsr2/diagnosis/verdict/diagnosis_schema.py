@@ -93,11 +93,13 @@ class _Layers(_Part):
 class _Gap(_Part):
     """Losses a trial [nat], and what they say together.
 
-    `fit`: tail probability of the campaign among simulated ones without effect.
+    `fit`: tail probability of the campaign among simulated ones without effect. `library_fit`: that
+    of what the library leaves unexplained, among simulated campaigns of like misfit.
     """
 
     state: GapState
     fit: Share
+    library_fit: Share
     effects: list[str]
     before: _Estimate
     after: _Estimate
@@ -213,6 +215,7 @@ class _Posterior(_Part):
     temperature: float
     none_limit: Share
     least_name: Share
+    least_together: Share
     set_level: Share
     wrong: Share
     named: Share

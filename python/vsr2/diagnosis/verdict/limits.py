@@ -14,7 +14,8 @@ from vsr2.codes import Statement
 from vsr2.diagnosis.how_far.held_out import HowFar
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.sets import are_alike
-from vsr2.diagnosis.posterior.training import TRAINING, Found, Posterior
+from vsr2.diagnosis.posterior.training import Found, Posterior
+from vsr2.diagnosis.posterior.truth import PRIOR
 from vsr2.diagnosis.simulated.library import Library, free_parameters
 from vsr2.diagnosis.verdict.rules import Verdict
 from vsr2.diagnosis.verdict.statements import BudgetState, LimitCode
@@ -122,9 +123,9 @@ def limits_of_the_data(
 def _doubts(verdict: Verdict, how_far: HowFar, outside: float) -> Iterator[Statement]:
     if not verdict.named:
         return
-    if outside > TRAINING.outside:
+    if outside > PRIOR.outside:
         yield Statement.of(
-            LimitCode.POSSIBLY_OUT_OF_LIBRARY, probability=outside, prior=TRAINING.outside
+            LimitCode.POSSIBLY_OUT_OF_LIBRARY, probability=outside, prior=PRIOR.outside
         )
     if how_far.gain().low <= 0:
         yield Statement.of(LimitCode.NO_GAIN, effects=how_far.names)
