@@ -20,7 +20,7 @@ import numpy as np
 
 from vsr2.effects import in_order, library, with_effects
 from vsr2.simulation import run_batch
-from vsr2.simulation.bench import EffectBench
+from vsr2.simulation.bench import EffectBench, Rock
 from vsr2.simulation.effect_checks import CHECK, ensemble, shaking
 from vsr2.trial import Trial
 
@@ -44,9 +44,10 @@ def main() -> None:
     arguments = parser.parse_args()
     bench = EffectBench(arguments.engine, arguments.mesh)
     print(f"{'engine':8} {'effect':20} {'block':>6}  {'quartiles':14} {'scan':>6}  quartiles")
+    rocks: dict[Rock, Trial] = {"block": bench.block(), "scan": bench.scan()}
     plain = {
         rock: ensemble(trial, shaking(trial, CHECK.turns[rock]), CHECK.turns[rock], 1)
-        for rock, trial in (("block", bench.block()), ("scan", bench.scan()))
+        for rock, trial in rocks.items()
     }
     for effect in in_order(library()):
         cells = []

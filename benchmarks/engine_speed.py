@@ -122,11 +122,14 @@ class NativeRock:
         drive = {"motor": "motor_position"}.get(self._drive, self._drive)
         with Simulation(self._scene, drive=drive) as simulation:
             simulation.settle(SETTLING)
-            place = simulation.state.position[0]
-            x, y, z, w = simulation.state.body_orientation
+            start = simulation.state
+            assert start is not None
+            place = start.position[0]
+            x, y, z, w = start.body_orientation
             rows = []
             for goal in motion.displacement[1:].tolist():
                 state = simulation.step(goal)
+                assert state is not None
                 turned = multiply(tuple(state.body_orientation), (-x, -y, -z, w))
                 cosine = 1 - 2 * (turned[0] ** 2 + turned[1] ** 2)
                 tilt = math.acos(min(cosine, 1.0))
@@ -155,7 +158,7 @@ def scene_of(rock: MeshRock, mode: str) -> Scene:
     pedestal = build_pedestal(PrismPedestal())
     body = build_rock(rock, pedestal, clearance=0.002)
     original = ContactConfig(**ORIGINAL["contact"])
-    values = ORIGINAL["engine"] | {"converged_contacts": mode != SWEPT}
+    values = {**ORIGINAL["engine"], "converged_contacts": mode != SWEPT}
     return Scene(body, pedestal, Engine(mode=mode.split(",")[0], **values), original)
 
 
@@ -177,10 +180,19 @@ def record(steps: int, strength: float = 0.6) -> Motion:
     """The embedded record, repeated or cut to `steps` time steps."""
     motion = build_recorded_motion(read_record(ROOT / "configs/motions/synthetic_07.csv"), STEP)
     repeats = -(-steps // (motion.displacement.size - 1))
-    names = ("displacement", "velocity", "acceleration")
-    parts = [strength * getattr(motion, name) for name in names]
-    tiled = [np.concatenate([p[:1], *[p[1:]] * repeats])[: steps + 1] for p in parts]
-    return Motion("bench", STEP, *tiled, "recording")
+
+    def tiled(part: Array) -> Array:
+        part = strength * part
+        return np.concatenate([part[:1], *[part[1:]] * repeats])[: steps + 1]
+
+    return Motion(
+        "bench",
+        STEP,
+        tiled(motion.displacement),
+        tiled(motion.velocity),
+        tiled(motion.acceleration),
+        "recording",
+    )
 
 
 def engines(rock: MeshRock) -> dict[tuple[str, str], Shaken]:

@@ -18,6 +18,7 @@ from pathlib import Path
 
 import numpy as np
 
+from engine_speed import record
 from vsr2.config.study import (
     Contact,
     Engine,
@@ -27,7 +28,7 @@ from vsr2.config.study import (
     PrismPedestal,
     Settling,
 )
-from vsr2.motion import Motion, SideMotion, build_recorded_motion, read_record
+from vsr2.motion import Motion, SideMotion
 from vsr2.scene import Mechanisms, PedestalBody, PitchSpring, Scene, build_pedestal, build_rock
 from vsr2.simulation import run_batch
 from vsr2.trial import Trial
@@ -43,15 +44,6 @@ MECHANISMS = {
 }
 SPRING = PitchSpring(frequency=10.0, damping=0.1, compliance=0.0, inertia=500.0)
 """Of a pedestal that only the rock turns, so that the response stays much the same."""
-
-
-def record(steps: int) -> Motion:
-    """The embedded record, repeated or cut to `steps` time steps."""
-    motion = build_recorded_motion(read_record(ROOT / "configs/motions/synthetic_07.csv"), 1e-3)
-    repeats = -(-steps // (motion.displacement.size - 1))
-    parts = [0.6 * getattr(motion, name) for name in ("displacement", "velocity", "acceleration")]
-    tiled = [np.concatenate([p[:1], *[p[1:]] * repeats])[: steps + 1] for p in parts]
-    return Motion("bench", 1e-3, *tiled, "recording")
 
 
 def in_space(motion: Motion) -> Motion:
@@ -88,7 +80,7 @@ def main() -> None:
     for mode in arguments.engines:
 
         def trial_with(
-            mechanisms: Mechanisms | None,
+            mechanisms: Mechanisms,
             shaken: Motion,
             mode: str = mode,
             stand: PedestalBody = pedestal,
@@ -102,11 +94,11 @@ def main() -> None:
                 output=Output(log_every=0),
             )
 
-        plain = trial_with(None, motion)
+        plain = trial_with(Mechanisms(), motion)
         sprung = replace(pedestal, pitch_spring=SPRING)
         cases = {
-            "channels beside x": trial_with(None, in_space(motion)),
-            "sprung pitch joint": trial_with(None, motion, stand=sprung),
+            "channels beside x": trial_with(Mechanisms(), in_space(motion)),
+            "sprung pitch joint": trial_with(Mechanisms(), motion, stand=sprung),
         }
         for name, mechanisms in MECHANISMS.items():
             cases[name] = trial_with(mechanisms, motion)

@@ -96,7 +96,7 @@ class MujocoRock:
         mujoco.rollout.rollout(
             self.model, data, self.rest[None], forces, control_spec=FORCE, state=state
         )
-        return (time.process_time() - begin) / forces.shape[1]
+        return (time.process_time() - begin) / int(forces.shape[1])
 
     def overturned(self, forces: Sequence[Array], threads: int, *, segment: int = 1000) -> int:
         """Run motions by `mujoco.rollout` and count the rocks that fall.

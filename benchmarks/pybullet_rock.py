@@ -18,7 +18,7 @@ import pybullet_data
 from numpy.typing import NDArray
 
 from vsr2.motion import Motion
-from vsr2.scene import Scene
+from vsr2.scene import Box, Scene
 
 Array = NDArray[np.float64]
 PRESCRIBED_MASS = 1e30
@@ -156,7 +156,9 @@ class PyBulletWorld:
     def _body(self, scene: Scene, mesh: Path | None) -> int:
         c, frame = self.client, scene.body_frame
         if mesh is None:
-            half = [0.5 * size for size in scene.rock.parts[0].size]
+            [box] = scene.rock.parts
+            assert isinstance(box, Box)
+            half = [0.5 * size for size in box.size]
             shape = pybullet.createCollisionShape(pybullet.GEOM_BOX, halfExtents=half, **c)
         else:
             shape = pybullet.createCollisionShape(pybullet.GEOM_MESH, fileName=str(mesh), **c)
@@ -191,7 +193,8 @@ class PyBulletWorld:
 
     def rock(self) -> tuple[Any, Any]:
         """Mass centre [m] and orientation x, y, z, w."""
-        return pybullet.getBasePositionAndOrientation(self.body, **self.client)
+        position, orientation = pybullet.getBasePositionAndOrientation(self.body, **self.client)
+        return position, orientation
 
     def table(self) -> float:
         """Displacement along x [m]."""

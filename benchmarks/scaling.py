@@ -24,7 +24,7 @@ import subprocess
 import sys
 import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import replace
 from pathlib import Path
 
@@ -98,12 +98,12 @@ def cylinder(vertices: int, engine: str) -> Scene:
     return Scene(rock, pedestal, Engine(mode=engine), Contact())
 
 
-def medians(work: dict[int, Callable[[], float]]) -> dict[int, float]:
+def medians(measure: Callable[[int], float], sizes: Iterable[int]) -> dict[int, float]:
     """Median cost by size, the sizes interleaved."""
-    found: dict[int, list[float]] = {size: [] for size in work}
+    found: dict[int, list[float]] = {size: [] for size in sizes}
     for _ in range(ROUNDS):
-        for size, measure in work.items():
-            found[size].append(measure())
+        for size, costs in found.items():
+            costs.append(measure(size))
     return {size: statistics.median(values) for size, values in found.items()}
 
 
@@ -188,30 +188,31 @@ def main() -> None:
 
     mode = options.engine
     short = short_trial(mode)
-    costs = medians({n: lambda n=n: cpu(many(short, n)) for n in (250, 500, 1000, 2000, 4000)})
+    costs = medians(lambda n: cpu(many(short, n)), (250, 500, 1000, 2000, 4000))
     for size, value in costs.items():
         add("trials", mode, size, value, "CPU s")
     add("trials", mode, 0, exponent(costs), "exponent")
     pose = Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0))
     rock = replace(short, start=pose)
-    sizes = (10_000, 20_000, 40_000, 80_000)
-    costs = medians({n: lambda n=n: cpu([shaken(rock, n)]) for n in sizes})
+    costs = medians(lambda n: cpu([shaken(rock, n)]), (10_000, 20_000, 40_000, 80_000))
     for size, value in costs.items():
         add("steps", mode, size, value, "CPU s")
     add("steps", mode, 0, exponent(costs), "exponent")
     for engine in ENGINES:
-        still = {}
+        still: dict[int, Trial] = {}
         for vertices in (32, 128, 512, 2048):
             scene = cylinder(vertices, engine)
-            trial = replace(short, scene=scene)
-            still[len(native_scene(scene).rock_hull_vertices)] = lambda trial=trial: (
-                cpu([shaken(trial, 6000)]) - cpu([shaken(trial, 1000)])
-            )
-        for size, value in medians(still).items():
+            size = len(native_scene(scene).rock_hull_vertices)
+            still[size] = replace(short, scene=scene)
+
+        def longer(size: int, trials: Mapping[int, Trial] = still) -> float:
+            return cpu([shaken(trials[size], 6000)]) - cpu([shaken(trials[size], 1000)])
+
+        for size, value in medians(longer, still).items():
             add("hull_vertices", engine, size, value / 5000 * 1e6, "CPU us a step")
     for engine in ENGINES:
-        [size] = in_a_process("world_memory", engine, options.worlds)
-        add("world_memory", engine, options.worlds, size, "MB a world")
+        [memory] = in_a_process("world_memory", engine, options.worlds)
+        add("world_memory", engine, options.worlds, memory, "MB a world")
     for log_every, count in ((0, options.trials), (20, options.logged)):
         what = "streamed+logs" if log_every else "streamed"
         peak, wall, disk = in_a_process("streamed", mode, count, log_every)

@@ -34,6 +34,7 @@ from numpy.typing import NDArray
 from vsr2.blind.mujoco import ground_motion
 from vsr2.campaign import Campaign, CampaignTrial, Specimen
 from vsr2.config import Study, load_study
+from vsr2.config.motion_source import AllRecordings, SingleRecording
 from vsr2.motion import Record, build_recorded_motion, read_record
 from vsr2.trial import Trial
 
@@ -169,9 +170,9 @@ def trials_of(campaign: Campaign, study: Study) -> list[Trial]:
     from vsr2.scene import build_scene
 
     scene, motion = build_scene(study), study.motion
-    given = (
-        {"channel": motion.channel, "filter": motion.filter} if hasattr(motion, "filter") else {}
-    )
+    given: dict[str, Any] = {}
+    if isinstance(motion, SingleRecording | AllRecordings):
+        given = {"channel": motion.channel, "filter": motion.filter}
     return [
         Trial(
             scene=scene,

@@ -62,7 +62,9 @@ def families(options: argparse.Namespace) -> tuple[Campaign, dict[Causes, Array]
             )[0]  # fmt: skip
             assert found.margins is not None
             out[frozenset(acting)] = found.margins[: options.replicates]
-    return found.campaign, out, found.margins
+    every = found.margins
+    assert every is not None
+    return found.campaign, out, every
 
 
 def losses(campaign: Campaign, margins: dict[Causes, Array]) -> dict[Causes, Array]:
