@@ -49,7 +49,7 @@ def test_the_page_shows_the_numbers() -> None:
         "half the time step: 3.0%",
         "low PGA conditions outcome, whole response 2 +0.90 2.4 0.004",
         "On 2000 simulated campaigns",
-        "A name needs a probability of 0.85, given a gap: 9 % of names",
+        "The name of one cause needs a probability of 0.85, given a gap.",
         "Of causes outside the library 40 % are said to be so",
         "90 % set: wear. corrected.yaml is the scene with wear (loss 0.08).",
     ):
@@ -183,6 +183,10 @@ def test_the_schema_refuses(part, change) -> None:
             "Wear or catch, friction and inertia together explain the gap (90%): added, they close",
         ),
         ({"kind": "unknown", "names": [], "probability": 0.6}, "the library explains it (60%)."),
+        (
+            {"kind": "unknown", "names": [], "code": "unexplained", "library_fit": 0.004},
+            "explains it (0.4% of simulated campaigns of like misfit leave as much over).",
+        ),
         ({"kind": "none", "names": []}, "but residuals stand out: low PGA (family-wise p 0.004)"),
         (
             {"kind": "none", "names": [], "where": CONTENT["where"][1:], "probability": 0.23},
@@ -192,7 +196,8 @@ def test_the_schema_refuses(part, change) -> None:
     ],
 )
 def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None:
-    alike = [{"code": "equivalent_here", "values": {}}] if changes.get("alike") else []
+    code = "equivalent_here" if changes.get("alike") else changes.get("code")
+    more = [] if code is None else [{"code": code, "values": {}}]
     kind, names = changes.get("kind", "effect"), changes.get("names", ["wear"])
     findings = names if kind == "several" else [[n] for n in names] if kind == "pair" else [names]
     verdict = CONTENT["verdict"] | {
@@ -200,9 +205,11 @@ def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None
         "effects": [name for finding in findings for name in finding],
         "findings": findings,
         "probability": changes.get("probability", 0.9),
-        "reasons": [GAP, *alike],
+        "reasons": [GAP, *more],
     }
-    gap = CONTENT["gap"] | {k: changes[k] for k in ("closure", "headline") if k in changes}
+    gap = CONTENT["gap"] | {
+        k: changes[k] for k in ("closure", "headline", "library_fit") if k in changes
+    }
     where = changes.get("where", CONTENT["where"])
     content = CONTENT | {"verdict": verdict, "gap": gap, "where": where}
     assert sentence in verdict_sentence(content)

@@ -121,14 +121,15 @@ def standing_out(content: Mapping[str, Any]) -> list[Mapping[str, Any]]:
 def verdict_sentence(content: Mapping[str, Any]) -> str:
     """The verdict in one sentence."""
     verdict, gap = content["verdict"], content["gap"]
-    named = verdict["effects"]
+    named, reasons = verdict["effects"], [reason["code"] for reason in verdict["reasons"]]
     said = _say(
         "verdicts",
         verdict["kind"],
         names=[plain(name) for name in named],
         findings=[" or ".join(plain(name) for name in one) for one in verdict["findings"]],
         chance=f"{verdict['probability']:.0%}" if verdict["probability"] < 0.995 else "over 99%",
-        alike=ReasonCode.EQUIVALENT_HERE in [reason["code"] for reason in verdict["reasons"]],
+        alike=ReasonCode.EQUIVALENT_HERE in reasons,
+        unexplained=ReasonCode.UNEXPLAINED in reasons,
         found=standing_out(content),
         **content,
     )
