@@ -50,6 +50,7 @@ def test_the_page_shows_the_numbers() -> None:
         "low PGA conditions outcome, whole response 2 +0.90 2.4 0.004",
         "On 2000 simulated campaigns",
         "The name of one cause needs a probability of 0.85, given a gap.",
+        "Names of causes that act together need 0.50. 9 % of names",
         "Of causes outside the library 40 % are said to be so",
         "90 % set: wear. corrected.yaml is the scene with wear (loss 0.08).",
     ):
