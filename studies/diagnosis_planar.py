@@ -11,7 +11,9 @@ twice more: by a library that lacks the effect's class, so that its cause is unk
 that lacks another class (a decoy), as which the unknown ones must not merely look.
 
 Writes `campaigns.csv`, one row a planted campaign, tier and number of simulated campaigns, and
-`table.csv`, one row a tier and number, as committed in docs/results/diagnosis_planar. Probabilities
+`table.csv`, one row a tier and number, as committed in docs/results/diagnosis_planar. Detection
+limits are of tier M, the same for all tiers; `outcome_signal` says how much outcomes alone hold of
+an effect, in standard deviations, and 6 is twice the limit of that tier. Probabilities
 are those of classes, a pair's of the one that leads; `p_true` of a pair is that of both.
 """
 
@@ -30,11 +32,14 @@ from planar.simulator import PlanarSimulator
 from planted import Rehearsal, shaken_campaign
 from vsr2.analysis.intervals import calibration_error
 from vsr2.diagnosis.posterior.calibration import label_probability, label_set
+from vsr2.diagnosis.posterior.summaries import SUMMARY
 from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.campaigns import Acting, simulate_campaigns
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
+from vsr2.diagnosis.simulated.look import LOOK
+from vsr2.diagnosis.simulated.simulator import Effects, Request
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -49,6 +54,8 @@ DECOY = "decoy"
 """Kind of a campaign whose cause is in a library that lacks something else."""
 FIRST = 100_000
 """Number of the first planted campaign."""
+SIGNAL_DRAWS = range(1, 17)
+"""Draws of nuisances over which probabilities of overturning are taken."""
 LEAST = 1e-4
 """Probability that a truth counts for at least."""
 
@@ -152,6 +159,7 @@ def scores(rows: list[Row]) -> Row:
     )
     strong = [row for row in single if row["limits"] >= 2]
     weak = [row for row in single if 1 <= row["limits"] < 2]
+    by_outcomes = [row for row in single if row["outcome_signal"] >= 2 * LOOK.signal]
     pair_1, pair_2 = ([row for row in pair if row["limits"] >= least] for least in (1, 2))
     stated = single + none
     others = np.array([row["p_unknown"] for row in rows if row["kind"] == DECOY])
@@ -167,6 +175,9 @@ def scores(rows: list[Row]) -> Row:
         "lead_strong": _mean(row["lead"] for row in strong),
         "lead_weak": _mean(row["lead"] for row in weak),
         "answer_strong": _mean(row["answer"] for row in strong),
+        "strong_by_outcomes": len(by_outcomes),
+        "lead_strong_by_outcomes": _mean(row["lead"] for row in by_outcomes),
+        "answer_strong_by_outcomes": _mean(row["answer"] for row in by_outcomes),
         "named_strong": _mean(row["verdict"] in NAMED and row["right"] for row in strong),
         "named_wrongly": _mean(not row["right"] for row in spoken),
         "covered": _mean(row["covered"] for row in stated),
@@ -222,6 +233,21 @@ def write(path: Path, rows: list[Row]) -> None:
             writer.writerow({k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()})
 
 
+def outcome_signal(truth: SimulationCache, acting: Sequence[Acting], trials: Array) -> float:
+    """How far an effect moves the probabilities of overturning, in their standard deviations.
+
+    What nuisances share between trials is left out, so that it is a little too large.
+    """
+
+    def probability(effects: Effects) -> Array:
+        requests = [Request(int(i), effects, m, 1) for m in SIGNAL_DRAWS for i in trials]
+        return np.nanmean(truth.run(requests).overturned.reshape(-1, len(trials)), axis=0)
+
+    plain, moved = probability(()), probability(tuple((one.name, one.values) for one in acting))
+    variance = plain * (1 - plain) + SUMMARY.chance
+    return float(np.sqrt(((moved - plain) ** 2 / variance).sum()))
+
+
 @one_blas_thread()
 def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Namespace) -> list[Row]:
     """Plant and infer."""
@@ -230,6 +256,10 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
         range(FIRST, FIRST + options.planted), seed=options.seed + 5,
     )  # fmt: skip
     rng = np.random.default_rng([options.seed, 6])
+    signals = [
+        outcome_signal(truth, acting, rehearsal.trials) if acting else 0.0
+        for acting in planted.sets
+    ]
     rows: list[Row] = []
     for tier in options.tiers:
         seen = rehearsal.at(tier)
@@ -241,6 +271,7 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
                 kind = (NONE, "single", "pair")[len(acting)]
                 found = posterior.infer(planted.overturned[i], noted[i])
                 row = place | row_of(found, posterior, kind, acting)
+                row["outcome_signal"] = signals[i]
                 if kind == "single":
                     row |= magnitude(found, posterior, acting[0])
                 rows.append(row)
