@@ -20,9 +20,10 @@ from vsr2.diagnosis.posterior.calibration import label_probability
 from vsr2.diagnosis.posterior.parameters import Parameters
 from vsr2.diagnosis.posterior.sets import Sets
 from vsr2.diagnosis.posterior.truth import PRIOR
-from vsr2.diagnosis.posterior_check import CHECK_FIGURE, CHECK_FILES, check_with
+from vsr2.diagnosis.posterior_check import check_with
 from vsr2.diagnosis.simulated.campaigns import draw_set
 from vsr2.diagnosis.simulated.look import Limit
+from vsr2.diagnosis.verdict.document import CHECK_FIGURE, CHECK_FILES
 from vsr2.errors import DiagnosisError
 from vsr2.report.messages.posterior_checks import check_sentences
 from vsr2.report.posterior_check_figure import check_figure

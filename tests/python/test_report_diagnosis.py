@@ -20,6 +20,7 @@ from diagnosis_content import (
     location,
 )
 from vsr2.diagnosis import Diagnosis, schema
+from vsr2.diagnosis.verdict.document import CHECK_FILES
 from vsr2.report.diagnosis_figures import (
     map_figure,
 )
@@ -280,5 +281,8 @@ def test_a_page_goes_with_the_diagnosis_that_it_shows(tmp_path) -> None:
     assert page.read_text() == "mine"
     assert write_diagnosis_page(found, tmp_path) == page
     assert page.read_text() == diagnosis_page(found)
+    check = tmp_path / CHECK_FILES[0]
+    check.write_text("of its posterior")
     found.save(tmp_path)
     assert not page.exists()
+    assert not check.exists()

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.intervals import Score
+from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, scene_simulator
@@ -42,18 +43,12 @@ from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import Look, look
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES
 from vsr2.diagnosis.simulated.simulator import Simulator
-from vsr2.diagnosis.verdict.document import FILE, finite
+from vsr2.diagnosis.verdict.document import CHECK_FILE, CHECK_TABLES, FILE, finite
 from vsr2.errors import DiagnosisError, ResultError
 from vsr2.one_line import OneLine
 from vsr2.results.atomic import csv_text, write_text
 
 SCHEMA = "vsr2.posterior_check/1"
-CHECK_FILE = "posterior_check.json"
-CHECK_FIGURE = "posterior_check.png"
-CHECK_TABLES = (
-    "posterior_check.csv", "posterior_check_campaigns.csv", "posterior_check_ranks.csv",
-)  # fmt: skip
-CHECK_FILES = (CHECK_FILE, CHECK_FIGURE, *CHECK_TABLES)
 CHUNK = 25
 """Planted campaigns that are simulated between two reports of progress; no result depends on it."""
 
@@ -162,6 +157,7 @@ def _row(one: ParameterScore) -> dict[str, Any]:
     return row
 
 
+@checked_names(DiagnosisError)
 def check_posterior(
     campaign: Campaign | str | PathLike[str],
     scene: Study | str | PathLike[str],
@@ -195,7 +191,7 @@ def check_posterior(
     if planted < 1:
         raise DiagnosisError(f"check is {planted}; plant at least 1 campaign, better 200")
     known = _finished(Path(out))
-    given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
+    given = (campaign if isinstance(campaign, Campaign) else load_campaign(campaign)).on_file()
     study = scene if isinstance(scene, Study) else load_study(scene)
     seen = observe_campaign(given, tier)
     simulator = scene_simulator(seen, study, hypotheses, execution, known["seed"])

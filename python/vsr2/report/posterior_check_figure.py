@@ -9,7 +9,7 @@ import numpy as np
 
 from vsr2.diagnosis.coverage.coverage_scores import LEVELS, CoverageScores
 from vsr2.diagnosis.posterior.calibration import CALIBRATION
-from vsr2.diagnosis.posterior_check import CHECK_FIGURE
+from vsr2.diagnosis.verdict.document import CHECK_FIGURE
 from vsr2.report.diagnosis_figures import BLUE, GREY, INK, RED
 from vsr2.report.panels import legend_below, save_figure, sheet
 

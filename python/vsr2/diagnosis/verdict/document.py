@@ -23,6 +23,12 @@ SCHEMA: Schema = get_args(Schema)[0]
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
 TABLES = EFFECTS, WHERE, TRIALS = "effects.csv", "where.csv", "trials.csv"
+CHECK_FILE = "posterior_check.json"
+CHECK_FIGURE = "posterior_check.png"
+CHECK_TABLES = (
+    "posterior_check.csv", "posterior_check_campaigns.csv", "posterior_check_ranks.csv",
+)  # fmt: skip
+CHECK_FILES = (CHECK_FILE, CHECK_FIGURE, *CHECK_TABLES)
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -106,15 +112,17 @@ class Diagnosis(OneLine):
     def save(self, folder: str | Path) -> Path:
         """Write `diagnosis.json` and the tables; returns the path of the former.
 
-        The page beside an earlier `diagnosis.json` is removed; the report writes a new one.
+        Beside an earlier `diagnosis.json` its page and the check of its posterior are removed: they
+        are of what it said.
 
         Raises:
             ResultError: a file cannot be written.
         """
         path = Path(folder)
         path.mkdir(parents=True, exist_ok=True)
-        if (path / FILE).is_file() and (path / PAGE_FILE).is_file():
-            (path / PAGE_FILE).unlink()
+        if (path / FILE).is_file():
+            for name in (PAGE_FILE, *CHECK_FILES):
+                (path / name).unlink(missing_ok=True)
         contents = {**self.tables(), FILE: self.to_json()}
         for name, text in contents.items():
             write_text(path / name, text, errors="strict")
