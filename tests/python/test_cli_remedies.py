@@ -219,6 +219,23 @@ def test_a_signal_while_modules_are_imported_is_said_and_has_its_exit_code(
     assert (done.returncode, done.stderr) == (code, said)
 
 
+@pytest.mark.parametrize("handler", ["SIG_IGN", "default_int_handler"])
+def test_sigterm_ends_a_verb_whose_ctrl_c_is_ignored(handler: str) -> None:
+    """A shell's job in the background has Ctrl-C ignored from the start."""
+    script = textwrap.dedent(
+        f"""
+        import signal, sys
+        signal.signal(signal.SIGINT, signal.{handler})
+        from vsr2.cli import main
+        main._main = lambda arguments: signal.raise_signal(signal.SIGTERM) or 0
+        sys.exit(main.main([]))
+        """
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True)
+    assert done.stderr.startswith("vsr2: ended by SIGTERM\n")
+    assert "KeyboardInterrupt" in done.stderr, "which the verbs turn into their message"
+
+
 def test_nothing_is_imported_before_ctrl_c_is_guarded_against() -> None:
     """The packages that the entry point is imported through import nothing by themselves."""
     code = "import sys; known = set(sys.modules); import vsr2.cli.entry; "

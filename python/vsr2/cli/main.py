@@ -213,6 +213,9 @@ class _Termination:
         self.raised = True
         # Not by print: the signal may have come amid another one.
         os.write(2, b"vsr2: ended by SIGTERM\n")
+        if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
+            # As of a shell's job in the background.
+            raise KeyboardInterrupt
         signal.raise_signal(signal.SIGINT)
 
     def __exit__(self, *exception: object) -> None:
