@@ -19,6 +19,7 @@ from __future__ import annotations
 import argparse
 from collections.abc import Mapping
 from dataclasses import replace
+from itertools import count, islice
 from pathlib import Path
 from typing import Any
 
@@ -174,8 +175,10 @@ def main() -> None:
     for tier in TIERS:
         posterior = rehearsal.posterior(tier)
         for defect, truth in cases.items():
-            for draw in range(1, options.campaigns + 1):
-                seen = rehearsal.observed(truth, tier=tier, nuisance=draw)
+            # A bounding box may have moments that no body has: such a draw cannot be simulated.
+            observed = ((k, rehearsal.observed(truth, tier=tier, nuisance=k)) for k in count(1))
+            known = ((k, seen) for k, seen in observed if np.isfinite(seen.overturned).all())
+            for draw, seen in islice(known, options.campaigns):
                 found = rehearsal.infer(seen)
                 case = {"defect": defect, "tier": tier, "draw": draw}
                 rows.append(case | judged(WANTED.get(defect, set()), found, posterior))
