@@ -148,3 +148,14 @@ def test_results_are_worded_in_the_report_alone() -> None:
     assert {at: text for at, text in found.items() if not at.startswith(tuple(ELSEWHERE))} == {}
     unused = [one for one in ELSEWHERE if not any(at.startswith(one) for at in found)]
     assert unused == [], "remove what no longer stands there"
+
+
+def test_one_module_says_how_a_value_shows_itself() -> None:
+    shows = {"__repr__", "_repr_html_"}
+    found = {
+        path.relative_to(PACKAGE).as_posix()
+        for path in PACKAGE.rglob("*.py")
+        for node in ast.walk(ast.parse(path.read_text()))
+        if isinstance(node, ast.FunctionDef) and node.name in shows
+    }
+    assert found == {"one_line.py"}
