@@ -16,16 +16,16 @@ from numpy.typing import NDArray
 
 from vsr2.motion import (
     STANDARD_GRAVITY,
-    SYNTHETIC_INTERVAL,
     Motion,
     Record,
     build_recorded_motion,
     shaped_noise,
 )
+from vsr2.motion.synthetic import SYNTHETIC
 
 Array = NDArray[np.float64]
 
-INTERVAL = SYNTHETIC_INTERVAL
+INTERVAL = SYNTHETIC.interval
 """Sampling interval [s]."""
 DECIMALS = 7
 """Of the displacement: 0.1 micrometre, which moves the acceleration by less than 0.01 m/s^2."""
