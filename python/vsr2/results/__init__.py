@@ -1,6 +1,5 @@
 """What a batch gave: outcomes, logs and provenance, and their files."""
 
-from vsr2.results.dataset import to_xarray
 from vsr2.results.journal import (
     JOURNAL_FILE,
     Journal,
@@ -90,5 +89,4 @@ __all__ = [
     "save_models",
     "save_result",
     "save_trial_log",
-    "to_xarray",
 ]
