@@ -12,7 +12,6 @@ from vsr2.effects.registry import (
     module_effects,
     register,
 )
-from vsr2.effects.standing import restand
 
 __all__ = [
     "STAGES",
@@ -33,6 +32,5 @@ __all__ = [
     "library",
     "module_effects",
     "register",
-    "restand",
     "with_effects",
 ]

@@ -21,12 +21,12 @@ from vsr2.motion.measures import (
     pgv,
     significant_duration,
 )
-from vsr2.motion.motion import SIDES, Motion, SideMotion
-from vsr2.motion.processing import Kinematics, band_pass, remove_baseline
+from vsr2.motion.motion import Motion, SideMotion
+from vsr2.motion.processing import band_pass, remove_baseline
 from vsr2.motion.record import Record
 from vsr2.motion.record_on_file import on_file
 from vsr2.motion.recording import RecordFormat, read_record, write_record
-from vsr2.motion.resample import Resampled, resample
+from vsr2.motion.resample import resample
 from vsr2.motion.signal_motion import from_signal
 from vsr2.motion.spectrum import ResponseSpectrum, response_spectrum
 from vsr2.motion.study_motions import (
@@ -41,21 +41,18 @@ from vsr2.motion.two_components import rotated, rotd, rotd_pga_g
 from vsr2.motion.units import STANDARD_GRAVITY
 
 __all__ = [
-    "SIDES",
     "STANDARD_GRAVITY",
     "Channel",
     "ChannelNoise",
     "FusedMotion",
     "InputUncertainty",
     "IntensityMeasures",
-    "Kinematics",
     "Motion",
     "MotionWarning",
     "Noise",
     "Record",
     "RecordFormat",
     "Recorded",
-    "Resampled",
     "ResponseSpectrum",
     "SideMotion",
     "arias_intensity",
