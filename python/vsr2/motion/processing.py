@@ -30,6 +30,7 @@ import numpy as np
 from vsr2.config.motion_source import Filter
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array
+from vsr2.motion.sample_spline import on_grid, sample_spline
 
 MAX_PADDING = 1_000_000
 """Most zeros on either side of an acceleration that is filtered and integrated."""
@@ -181,17 +182,14 @@ def integrate_velocity(
     Raises:
         MotionError: as :func:`band_pass`.
     """
-    from scipy.interpolate import make_interp_spline
-
     clean, pad = filter_amid_zeros(velocity, sample_interval, filter, name=name)
-    samples = np.arange(clean.size, dtype=np.float64)
-    spline = make_interp_spline(samples, clean, k=3)
-    inside = samples[pad : clean.size - pad]
-    displacement = spline.antiderivative()(inside) * sample_interval
+    spline = sample_spline(clean, 3)
+    inside = pad, clean.size - pad
+    displacement = on_grid(spline.antiderivative(), *inside) * sample_interval
     return Kinematics(
         displacement=displacement - displacement[0],
         velocity=clean[pad : clean.size - pad],
-        acceleration=spline(inside, 1) / sample_interval,
+        acceleration=on_grid(spline, *inside, 1) / sample_interval,
     )
 
 
@@ -216,21 +214,20 @@ def integrate_acceleration(
     Raises:
         MotionError: as :func:`band_pass`.
     """
-    from scipy.interpolate import make_interp_spline
-
     at_rest = acceleration - rest_level(acceleration, sample_interval)
     clean, pad = filter_amid_zeros(at_rest, sample_interval, filter, name=name)
-    samples = np.arange(clean.size, dtype=np.float64)
-    velocity = make_interp_spline(samples, clean, k=3).antiderivative()
+    velocity = sample_spline(clean, 3).antiderivative()
     # the constant that ends it at rest: v - v_end t / T, so x - v_end t^2 / (2 T)
-    slope = float(velocity(samples[-1])) / samples[-1]
-    inside = samples[pad : clean.size - pad]
+    last = clean.size - 1.0
+    slope = float(velocity(last)) / last
+    inside = pad, clean.size - pad
+    samples = np.arange(*inside, dtype=np.float64)
     displacement = (
-        velocity.antiderivative()(inside) - 0.5 * slope * inside**2
+        on_grid(velocity.antiderivative(), *inside) - 0.5 * slope * samples**2
     ) * sample_interval**2
     return Kinematics(
         displacement=displacement - displacement[0],
-        velocity=(velocity(inside) - slope * inside) * sample_interval,
+        velocity=(on_grid(velocity, *inside) - slope * samples) * sample_interval,
         acceleration=clean[pad : clean.size - pad] - slope,
     )
 
@@ -261,14 +258,11 @@ def filter_amid_zeros(
 
 def differentiate(displacement: Array, sample_interval: float) -> Kinematics:
     """Velocity and acceleration of `displacement` (n,) [m], as a quintic spline."""
-    from scipy.interpolate import make_interp_spline
-
-    samples = np.arange(displacement.size, dtype=np.float64)
-    spline = make_interp_spline(samples, displacement, k=5)
+    spline = sample_spline(displacement, 5)
     return Kinematics(
         displacement=displacement - displacement[0],
-        velocity=spline(samples, 1) / sample_interval,
-        acceleration=spline(samples, 2) / sample_interval**2,
+        velocity=on_grid(spline, 0, displacement.size, 1) / sample_interval,
+        acceleration=on_grid(spline, 0, displacement.size, 2) / sample_interval**2,
     )
 
 

@@ -13,13 +13,13 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Any
 
 import numpy as np
 
 from vsr2.errors import MotionError
 from vsr2.motion.motion import MAX_SAMPLES, Array
 from vsr2.motion.processing import Kinematics
+from vsr2.motion.sample_spline import at, on_grid, sample_spline
 
 
 @dataclass(frozen=True)
@@ -105,11 +105,11 @@ def resample(
             f"{name}: lasts {span:g} s, that is {span / time_step:.3g} time steps of {time_step:g} "
             f"s; at most {MAX_SAMPLES - 2}: cut the record or raise the time step"
         )
-    spline = _spline(values)
+    spline = sample_spline(values, RESAMPLE.degree)
     # Judged on velocity: its weight lies between the displacement that is driven and the
     # acceleration that overturns.
     if time_step > sample_interval * (1 + 1e-9):
-        velocity = spline(np.arange(values.size, dtype=np.float64), 1) / sample_interval
+        velocity = on_grid(spline, 0, values.size, 1) / sample_interval
         _refuse_aliasing(velocity, sample_interval, time_step, name)
     ratio = time_step / sample_interval
     position = np.arange(math.floor(span / time_step + 1e-9) + 1) * ratio
@@ -117,27 +117,20 @@ def resample(
     nearest = np.rint(position)
     on_sample = np.abs(position - nearest) < 1e-9
     position = np.where(on_sample, nearest, position)
-    resampled = spline(position)
+    resampled, rate, second = at(spline, position, (0, 1, 2))
     resampled[on_sample] = values[nearest[on_sample].astype(np.intp)]
     return Resampled(
         displacement=np.append(resampled, values[-1]),
-        velocity=np.append(spline(position, 1) / sample_interval, 0.0),
-        acceleration=np.append(spline(position, 2) / sample_interval**2, 0.0),
+        velocity=np.append(rate / sample_interval, 0.0),
+        acceleration=np.append(second / sample_interval**2, 0.0),
         record=None if on_sample.all() else values,
     )
 
 
-def _spline(values: Array, step: int = 1) -> Any:
-    """Through every `step`th sample, over the sample number: knots are exact and well scaled."""
-    from scipy.interpolate import make_interp_spline
-
-    knots = np.arange(0, values.size, step)
-    return make_interp_spline(knots.astype(np.float64), values[knots], k=RESAMPLE.degree)
-
-
 def _left_out_error(values: Array) -> tuple[float, float]:
-    left_out = np.arange(1, values.size - 1, 2)
-    difference = _spline(values, 2)(left_out.astype(np.float64)) - values[left_out]
+    left_out = values[1:-1:2]
+    through = sample_spline(np.ascontiguousarray(values[::2]), RESAMPLE.degree)
+    difference = on_grid(through, 0, left_out.size, shift=0.5) - left_out
     return float(np.abs(difference).max()), float(np.sqrt(np.mean(difference**2)))
 
 
