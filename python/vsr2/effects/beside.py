@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Any, ClassVar, Literal
+from typing import ClassVar, Literal
 
 from vsr2.effects.effect import Effect
 from vsr2.effects.parameter import Parameter
@@ -34,9 +34,9 @@ class MotionBeside(Effect):
         displacement, velocity = share * motion.displacement, share * motion.velocity
         if side is not None:
             displacement, velocity = displacement + side.displacement, velocity + side.velocity
-        sides: dict[str, Any] = {self.direction: SideMotion(displacement, velocity)}
         source = f"{motion.source}; {self.direction} {share:.12g} of it"
-        return replace(trial, motion=replace(motion, source=source, recorded=None, **sides))
+        made = motion.with_sides(source, **{self.direction: SideMotion(displacement, velocity)})
+        return replace(trial, motion=made)
 
 
 class OffAxisMotion(MotionBeside):

@@ -49,6 +49,8 @@ class SideMotion(ReadOnlyArrays):
 KINDS = ("cosine", "recording")
 SIDES = ("transverse", "vertical", "pitch")
 CHANNELS = ("displacement", "velocity", "acceleration")
+_OWN = (*CHANNELS, "sha256")
+"""What a motion that refers to another's samples does not take over."""
 
 
 @checked_names(MotionError)
@@ -405,24 +407,38 @@ class Motion(OneLine, ReadOnlyArrays):
         if not all(map(math.isfinite, peaks.values())):
             raise MotionError(f"motion {self.name!r}: times {factor:g} it is not finite")
         held, factors = self._origin
-        made = object.__new__(type(self))
+        recorded = self.recorded
         with np.errstate(over="ignore"):
-            vars(made).update(
+            return self._derived(
+                (held, (*factors, factor)),
                 name=f"{self.name} x {factor:.12g}" if name is None else name,
-                time_step=self.time_step,
-                kind=self.kind,
                 source=f"{self.source}; scaled by {factor:.12g}",
                 resampling_error=self.resampling_error * abs(factor),
                 resampling_error_rms=self.resampling_error_rms * abs(factor),
-                recorded=None
-                if self.recorded is None
-                else replace(self.recorded, scale=self.recorded.scale * factor),
-                transverse=_scaled(self.transverse, factor),
-                vertical=_scaled(self.vertical, factor),
-                pitch=_scaled(self.pitch, factor),
-                _scaling=(held, (*factors, factor)),
+                recorded=recorded and replace(recorded, scale=recorded.scale * factor),
+                **{name: _scaled(side, factor) for name, side in self.sides.items()},
                 **peaks,
             )
+
+    def with_sides(self, source: str, **sides: SideMotion) -> Motion:
+        """The same motion along x with others beside it, which no record tells any more.
+
+        Its samples along x are those of this motion, as they are of a scaled one.
+
+        Args:
+            source: how it came about.
+            sides: by their names; the others stay.
+
+        Raises:
+            MotionError: a side has another number of samples, or does not start at 0.
+        """
+        return self._derived(self._origin, source=source, recorded=None, **sides)
+
+    def _derived(self, scaling: tuple[Motion, tuple[float, ...]], **changes: Any) -> Motion:
+        """A motion whose samples along x are those of another times factors."""
+        made = object.__new__(type(self))
+        kept = {name: value for name, value in vars(self).items() if name not in _OWN}
+        vars(made).update(kept, _scaling=scaling, **changes)
         made._check_start_and_sides()
         return made
 

@@ -45,7 +45,7 @@ def sample_spline(values: Array, degree: int) -> BSpline:
     if size < 2 * SETTLED:
         return make_interp_spline(np.arange(float(size)), values, k=degree)
     factors, pivots = _factors(size, degree)
-    coefficients, _ = dgbtrs(factors, degree, degree, values, pivots)
+    coefficients, _ = dgbtrs(factors, degree - 1, 0, values, pivots)
     return BSpline.construct_fast(_knots(size, degree), coefficients, degree)
 
 
@@ -167,7 +167,7 @@ def _knots(size: int, degree: int) -> Array:
 
 
 def _factors(size: int, degree: int) -> tuple[Array, NDArray[np.int32]]:
-    """LAPACK's band factors of the system of `size` samples, and its pivots."""
+    """LAPACK's factors of a system, `degree` - 1 bands beside the diagonal, and their pivots."""
     short, swaps = _short_factors(degree)
     factors = np.empty((short.shape[0], size), order="F")
     factors[:, :SETTLED] = short[:, :SETTLED]
@@ -190,4 +190,4 @@ def _short_factors(degree: int) -> Any:
     band = np.zeros((3 * degree + 1, size), order="F")
     band[2 * degree + matrix.row - matrix.col, matrix.col] = matrix.data
     factors, pivots, _ = dgbtrf(band, degree, degree)
-    return factors, pivots
+    return factors[degree + 1 : 3 * degree], pivots
