@@ -83,6 +83,33 @@ def with_effects(
     return [trial for _, trial in sorted(made, key=itemgetter(0))]
 
 
+def with_effect(
+    trial: Trial,
+    one: Effect,
+    values: Mapping[str, float],
+    *,
+    relative_order: float,
+    session: str,
+    seed: int,
+) -> Trial:
+    """As :func:`with_effects` of one trial and one effect, without the care for what many share."""
+    here = values
+    if type(one).at is not Effect.at:
+        sessions = (session,)
+        here = one.at(
+            values, Circumstances(relative_order, session, sessions, _drawing(one, seed, 0))
+        )
+    own = _in_force(one, values, here)
+    if own is None:
+        return trial
+    if one.once:
+        _assert_once(one, [trial])
+    made = trial
+    for hook in _hooks([(one, {0: own})]):
+        made = _made(made, hook, hook.values[0])
+    return trial.with_parts(made, made, (*trial.effects, own))
+
+
 def each_with_effects(
     trials: Sequence[Trial],
     effects: Sequence[tuple[Effect, Mapping[str, float]]],
@@ -126,10 +153,9 @@ def each_with_effects(
         if type(one).at is Effect.at:
             same = _in_force(one, values, values)
             return {} if same is None else dict.fromkeys(wanted, same)
-        name, known, found = zlib.crc32(one.name.encode()), dict[str, Applied](), {}
+        known, found = dict[str, Applied](), {}
         for i in wanted:
-            rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(i, name)))
-            here = Circumstances(order[i], held[i], order_of_sessions, rng)
+            here = Circumstances(order[i], held[i], order_of_sessions, _drawing(one, seed, i))
             own = _in_force(one, values, one.at(values, here))
             if own is not None:
                 found[i] = known.setdefault(own.key, own)
@@ -140,6 +166,12 @@ def each_with_effects(
         if one.once:
             _assert_once(one, [trials[i] for i in where])
     yield from _changed(trials, acting, wanted)
+
+
+def _drawing(one: Effect, seed: int, index: int) -> np.random.Generator:
+    """For what an effect draws in the trial of an index."""
+    key = (index, zlib.crc32(one.name.encode()))
+    return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
 def _assert_once(one: Effect, trials: Sequence[Trial]) -> None:

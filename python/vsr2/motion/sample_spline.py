@@ -62,7 +62,7 @@ def at(spline: BSpline, position: Array, orders: Sequence[int]) -> list[Array]:
     """
     low, high = _uniform(spline)
     begin, end = np.searchsorted(position, (low, max(low, high))).tolist()
-    found = [np.empty(position.size) for _ in orders]
+    found = [np.zeros(position.size) for _ in orders]
     for part in (slice(0, begin), slice(end, None)):
         for out, order in zip(found, orders, strict=True):
             out[part] = spline(position[part], order)
@@ -73,7 +73,7 @@ def at(spline: BSpline, position: Array, orders: Sequence[int]) -> list[Array]:
         beside = floor.astype(np.intp) + _first(spline)
         coefficients = spline.c[beside + np.arange(spline.k + 1)[:, None]]
         for out, weight in zip(found, weights, strict=True):
-            out[part] = _sum(coefficients * weight)
+            _add(coefficients * weight, out[part])
     return found
 
 
@@ -135,28 +135,30 @@ def _weights(floor: Array, position: Array, degree: int, orders: Sequence[int]) 
     lower = [np.ones((1, position.size))]
     for j in range(1, degree + 1):
         share = lower[-1] / j
-        raised = np.zeros((j + 1, position.size))
-        raised[1:] = share * before[degree - j :]
-        raised[:-1] += share * after[:j]
+        raised = np.empty((j + 1, position.size))
+        raised[0] = 0.0
+        np.multiply(share, before[degree - j :], out=raised[1:])
+        share *= after[:j]
+        raised[:-1] += share
         lower.append(raised)
     found = []
     for order in orders:
         weights = lower[degree - order]
         for j in range(degree - order + 1, degree + 1):
-            share = j * weights / j
-            weights = np.zeros((j + 1, position.size))
+            share = weights * j
+            share /= j
+            weights = np.empty((j + 1, position.size))
+            weights[0] = 0.0
             weights[1:] = share
             weights[:-1] -= share
         found.append(weights)
     return found
 
 
-def _sum(terms: Array) -> Array:
-    """Of the rows, one after another from 0, shape (m,)."""
-    total = np.zeros(terms.shape[1])
-    for row in terms:
+def _add(rows: Array, total: Array) -> None:
+    """Add rows to their total, one after another."""
+    for row in rows:
         total += row
-    return total
 
 
 def _knots(size: int, degree: int) -> Array:

@@ -147,8 +147,12 @@ def transform_points(pose: Pose, points: Array) -> Array:
     Written out, because the last bit of a library's matrix product depends on processor and number
     of threads, and a start pose must not.
     """
-    r = matrix_from_quaternion(pose.orientation)
     x, y, z = points[:, 0], points[:, 1], points[:, 2]
-    return np.stack(
-        [x * r[i, 0] + y * r[i, 1] + z * r[i, 2] + pose.position[i] for i in range(3)]
-    ).T
+    moved = np.empty((3, len(points)))
+    rows = matrix_from_quaternion(pose.orientation).tolist()
+    for out, (along_x, along_y, along_z), origin in zip(moved, rows, pose.position, strict=True):
+        np.multiply(x, along_x, out=out)
+        out += y * along_y
+        out += z * along_z
+        out += origin
+    return moved.T

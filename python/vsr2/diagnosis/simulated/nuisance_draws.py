@@ -9,7 +9,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope, correlated
 from vsr2.diagnosis.simulated.simulator import nuisance_normal
-from vsr2.effects import Effect, each_with_effects, in_order, with_effects
+from vsr2.effects import Effect, each_with_effects, in_order, with_effect
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
@@ -147,10 +147,12 @@ class NuisanceDraws:
         rng = np.random.Generator(np.random.Philox(key=self._seed, counter=counter))
         draws = correlated(own, rng.standard_normal(len(own)))
         for one, z in zip(own, draws.tolist(), strict=True):
-            (trials[i],) = with_effects(
-                [trials[i]],
-                [(one.acting, one.acting.complete(one.values(z)))],
-                relative_order=[self._order[i]],
-                sessions=[self._sessions[i]],
+            effect = one.acting
+            trials[i] = with_effect(
+                trials[i],
+                effect,
+                effect.complete(one.values(z)),
+                relative_order=self._order[i],
+                session=str(self._sessions[i]),
                 seed=int(rng.integers(2**63)),
             )

@@ -10,6 +10,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import MISSING, dataclass, fields, replace
 from enum import StrEnum
+from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
@@ -315,7 +316,7 @@ class Nuisance:
                 f"nuisance {self.name!r}: sd is {self.prior.sd}; give a number of 0 or more"
             )
 
-    @property
+    @cached_property
     def acting(self) -> Effect:
         """The effect."""
         if isinstance(self.effect, Effect):
