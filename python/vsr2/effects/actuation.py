@@ -67,11 +67,14 @@ def _driven(
     size = path.displacement.size + any(signal[-1] != 0 for signal in ends)
     kept: dict[str, Any] = {name: _held(side, size) for name, side in sides.items()}
     more = held(path, size - path.displacement.size)
+    displacement = more.displacement - more.displacement[0]
+    for samples in (displacement, more.velocity, more.acceleration):
+        samples.setflags(write=False)  # Nobody else has them; a motion copies what can be written.
     return replace(
         trial,
         motion=replace(
             motion,
-            displacement=more.displacement - more.displacement[0],
+            displacement=displacement,
             velocity=more.velocity,
             acceleration=more.acceleration,
             source=f"{motion.source}; {note}",

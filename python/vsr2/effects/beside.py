@@ -5,14 +5,16 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import replace
+from functools import lru_cache
 from typing import ClassVar, Literal
 
+from vsr2.config.study import Contact, Engine
 from vsr2.effects.effect import Effect
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.standing import mass_height
 from vsr2.errors import ConfigError, Fault, MotionError, SimulationError
 from vsr2.motion import STANDARD_GRAVITY, SideMotion
-from vsr2.scene import PitchSpring
+from vsr2.scene import Mechanisms, PedestalBody, PitchSpring, RockBody, Scene
 from vsr2.scene.rotation import IDENTITY
 from vsr2.trial import Trial
 
@@ -174,6 +176,23 @@ class TablePitch(Effect):
             compliance=compliance / STANDARD_GRAVITY,
             inertia=stiffness / (2 * math.pi * frequency) ** 2,
         )
-        return trial.with_scene(
-            pedestal=replace(pedestal, pitch_pivot=level - values["depth"], pitch_spring=spring)
-        )
+        return replace(trial, scene=_sprung(*_bodies(trial.scene), level - values["depth"], spring))
+
+
+def _bodies(scene: Scene) -> tuple[RockBody, PedestalBody, Engine, Contact, Mechanisms]:
+    return scene.rock, scene.pedestal, scene.engine, scene.contact, scene.mechanisms
+
+
+@lru_cache(maxsize=16)  # One scene under many motions, so that its hash is found once.
+def _sprung(
+    rock: RockBody,
+    pedestal: PedestalBody,
+    engine: Engine,
+    contact: Contact,
+    mechanisms: Mechanisms,
+    pivot: float,
+    spring: PitchSpring,
+) -> Scene:
+    """The scene with a sprung joint under its pedestal, its axis at a height [m]."""
+    under = replace(pedestal, pitch_pivot=pivot, pitch_spring=spring)
+    return Scene(rock, under, engine, contact, mechanisms)

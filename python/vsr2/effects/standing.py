@@ -3,15 +3,17 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.config.study import Settling
 from vsr2.errors import GeometryError
-from vsr2.scene import Box, Hull, Pose, Support, height_above, start_support
+from vsr2.scene import Box, Hull, Pose, RockBody, Support, height_above, start_support
 from vsr2.scene.rotation import (
     IDENTITY,
+    Quaternion,
     matrix_from_quaternion,
     multiply,
     yaw_quaternion,
@@ -38,9 +40,14 @@ STANDING = StandingConstants()
 
 def support_of(trial: Trial) -> Support:
     """What the rock stands on, in the frame of the pedestal's top, which may slope."""
-    x, y, z, w = trial.scene.pedestal.slope
-    level = multiply((-x, -y, -z, w), trial.start_pose.orientation)
-    return start_support(replace(trial.scene.rock, start=Pose(trial.start_pose.position, level)))
+    return _support(trial.scene.rock, trial.start_pose, trial.scene.pedestal.slope)
+
+
+@lru_cache(maxsize=16)  # The same rock stands so under many motions.
+def _support(rock: RockBody, start: Pose, slope: Quaternion) -> Support:
+    x, y, z, w = slope
+    level = multiply((-x, -y, -z, w), start.orientation)
+    return start_support(replace(rock, start=Pose(start.position, level)))
 
 
 def downwards(trial: Trial) -> Array:

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
 from typing import assert_never
+from weakref import WeakKeyDictionary
 
 from vsr2.config.motion_source import (
     AllRecordings,
@@ -208,6 +209,8 @@ class Recorded:
         driven = resample(
             self.scale * taper_ends(displacement, interval), interval, time_step, name=record.label
         )
+        for samples in (driven.displacement, driven.velocity, driven.acceleration):
+            samples.setflags(write=False)  # Nobody else has them, and a motion need not copy them.
         treatment = "no filter"
         if filter is not None:
             treatment = f"band-pass {filter.low:g}-{filter.high:g} Hz order {filter.order}"
@@ -262,12 +265,50 @@ class Recorded:
                 f"frequency {nyquist:g} Hz; lower it"
             )
         slow, _ = self.through("displacement")._displacement()
-        fast, _ = self.through("acceleration")._displacement()
+        fast = _INTEGRATED.of(self.through("acceleration"))
         low = Filter(low=0.0, high=crossover, order=RECORDED.crossover_order)
         apart = (slow - slow[0]) - fast
         joined = fast + band_pass(apart, record.sample_interval, low, name=record.label)
         how = f"displacement channel below {crossover:.12g} Hz, acceleration channel above"
         return joined, how
+
+
+class KeptDisplacements:
+    """Displacements that records were turned into, while the records live.
+
+    A record is joined with itself at many crossovers. What does not fit is made again each time:
+    trials come round in the same order, in which keeping the last ones would keep none.
+
+    Args:
+        most: of all together [byte].
+    """
+
+    def __init__(self, most: int) -> None:
+        self._most = most
+        self._known: WeakKeyDictionary[Record, dict[tuple[object, ...], Array]] = (
+            WeakKeyDictionary()
+        )
+
+    @property
+    def size(self) -> int:
+        """Of all together [byte]."""
+        return sum(made.nbytes for known in self._known.values() for made in known.values())
+
+    def of(self, recorded: Recorded) -> Array:
+        """What drives, before ends, resampling and scale, shape (n,) [m], read-only."""
+        known = self._known.setdefault(recorded.record, {})
+        key = recorded.channel, recorded.baseline, recorded.filter
+        if key not in known:
+            made, _ = recorded._displacement()
+            made.setflags(write=False)
+            if self.size + made.nbytes > self._most:
+                return made
+            known[key] = made
+        return known[key]
+
+
+_INTEGRATED = KeptDisplacements(2**26)
+"""Of accelerations: those of 180 of the laboratory's records."""
 
 
 def build_recorded_motion(
