@@ -251,15 +251,11 @@ class InputChannel(Effect):
         corners = [(low, values["low_corner"]), (high, values["high_corner"])]
         pad = math.ceil(3.0 / min(corner for gain, corner in corners if gain) / step)
 
-        def changed(signal: Array) -> Array:
-            # Amid rest, so that the filters ring out on both sides.
-            amid = np.pad(_late(signal, pad), (0, pad), mode="edge")
-            slow, below = (_below(amid, corner, step) for _, corner in corners)
-            shaped: Array = amid + low * slow + high * (amid - below)
-            return shaped
-
-        signals = (motion.displacement, motion.velocity, motion.acceleration)
-        path = Kinematics(*map(changed, signals))
+        signals = np.stack([motion.displacement, motion.velocity, motion.acceleration])
+        # Amid rest, so that the filters ring out on both sides.
+        amid = np.pad(np.pad(signals, ((0, 0), (pad, 0))), ((0, 0), (0, pad)), mode="edge")
+        slow, below = (_below(amid, corner, step) for _, corner in corners)
+        path = Kinematics(*(amid + low * slow + high * (amid - below)))
         note = f"gain {1 + low:.12g} below {corners[0][1]:g} Hz, {1 + high:.12g} above "
         size = path.displacement.size
         return _driven(

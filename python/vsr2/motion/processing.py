@@ -126,7 +126,7 @@ def band_pass(
     would find the filter's steady state for every signal again.
 
     Args:
-        signal: shape (n,), any unit.
+        signal: shape (n,), or several of shape (k, n), any unit.
         sample_interval: [s].
         filter: corners [Hz]; `low` of 0 leaves a low-pass.
         name: named in errors.
@@ -151,13 +151,15 @@ def band_pass(
     sections, states = _sections(filter.order, filter.low, filter.high, sample_interval)
     # scipy's own choice of padding, which needs a longer signal than the shortest records
     zeros = min((sections[:, 2] == 0).sum(), (sections[:, 5] == 0).sum())
-    padding = min(int(3 * (2 * len(sections) + 1 - zeros)), signal.size - 1)
-    before = 2 * signal[0] - signal[padding:0:-1]
-    after = 2 * signal[-1] - signal[-2 : -padding - 2 : -1]
-    passed = np.concatenate([before, signal, after])
+    size = signal.shape[-1]
+    padding = min(int(3 * (2 * len(sections) + 1 - zeros)), size - 1)
+    before = 2 * signal[..., :1] - signal[..., padding:0:-1]
+    after = 2 * signal[..., -1:] - signal[..., -2 : -padding - 2 : -1]
+    passed = np.concatenate([before, signal, after], axis=-1)
+    states = states.reshape(-1, *[1] * (signal.ndim - 1), 2)
     for _ in ("forward", "backward"):
-        passed = sosfilt(sections, passed, zi=states * passed[0])[0][::-1]
-    return passed[padding : passed.size - padding]
+        passed = sosfilt(sections, passed, zi=states * passed[..., :1])[0][..., ::-1]
+    return passed[..., padding : padding + size]
 
 
 @lru_cache(maxsize=256)
