@@ -19,6 +19,7 @@ from vsr2.cli.main import main
 from vsr2.config import dump_study, study_from_mapping
 from vsr2.config.study import Output
 from vsr2.effects import (
+    Effect,
     EffectRangeWarning,
     Parameter,
     chosen,
@@ -26,6 +27,7 @@ from vsr2.effects import (
     effect,
     in_order,
     registry,
+    with_effect,
     with_effects,
 )
 from vsr2.effects.geometry import box_with_margin
@@ -99,6 +101,31 @@ def test_a_trial_among_others_is_what_it_is_alone(trials: list[Trial]) -> None:
         for i in range(len(many)):
             alone = dict(each_with_effects(many, given, sessions="aaabbb", seed=3, only={i}))
             assert alone == {i: together[i]}
+
+
+@pytest.mark.parametrize("one", registry.BUILT_IN, ids=lambda one: one.name)
+def test_an_effect_put_into_one_trial_is_what_it_is_among_others(
+    one: Effect, trials: list[Trial]
+) -> None:
+    for values in (one.extreme(), one.null()):
+        many = with_effects(
+            trials[:1], [(one, values)], relative_order=[0.7], sessions=["b"], seed=3
+        )
+        alone = with_effect(trials[0], one, values, relative_order=0.7, session="b", seed=3)
+        assert alone == many[0]
+        assert alone.effects == many[0].effects
+    if one.once:
+        acting = with_effect(trials[0], one, one.extreme(), relative_order=0.7, session="b", seed=3)
+        with pytest.raises(SimulationError, match="acts already"):
+            with_effect(acting, one, one.extreme(), relative_order=0.7, session="b", seed=3)
+
+
+def test_a_sprung_scene_is_one_under_all_motions(trials: list[Trial]) -> None:
+    assert len({trial.motion.sha256 for trial in trials}) > 1
+    pitching = [
+        effect("table_pitch").change(trial, effect("table_pitch").extreme()) for trial in trials
+    ]
+    assert len({id(trial.scene) for trial in pitching}) == 1
 
 
 def test_a_trials_motion_goes_with_the_trial(trials: list[Trial]) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import gc
 import math
 from dataclasses import replace
 
@@ -14,6 +15,7 @@ from vsr2.effects import apply_effects, effect
 from vsr2.errors import ConfigError, MotionError
 from vsr2.motion import ChannelNoise, Motion, Noise, Record, Recorded
 from vsr2.motion.processing import differentiate
+from vsr2.motion.study_motions import KeptDisplacements
 from vsr2.simulation.bench import EffectBench
 from vsr2.trial import Trial
 
@@ -27,6 +29,9 @@ def record(gain: float = 1.2, *, acceleration: bool = True) -> Record:
     found = differentiate(np.sin(np.pi * time / time[-1]) ** 4 * x, STEP)
     channels = {"acceleration": gain * found.acceleration} if acceleration else {}
     return Record("r", STEP, displacement=found.displacement, **channels)
+
+
+_JOINED = record()
 
 
 def trial(one: Record, **how: object) -> Trial:
@@ -49,6 +54,33 @@ def test_records_of_one_motion_join_to_it_at_any_crossover() -> None:
         off = (joined.acceleration - plain.acceleration)[inside]
         np.testing.assert_allclose(off, 0.0, atol=0.01)
         np.testing.assert_allclose(joined.displacement, plain.displacement, atol=5e-4)
+
+
+def test_records_are_integrated_once_within_a_bound_and_as_long_as_they_live() -> None:
+    records = [record(gain) for gain in (1.0, 1.1, 1.2)]
+    own = [Recorded(one, channel="acceleration", filter=Filter()) for one in records]
+    each = 8 * records[0].size
+    kept = KeptDisplacements(2 * each)
+    first = [kept.of(one) for one in own]
+    again = [kept.of(one) for one in own]
+    assert [old is new for old, new in zip(first, again, strict=True)] == [True, True, False]
+    np.testing.assert_array_equal(first[2], again[2])
+    assert not first[0].flags.writeable
+    other = replace(own[0], filter=Filter(low=0.2))
+    assert kept.size == 2 * each
+    assert not np.array_equal(kept.of(other), first[0])
+    del own[0], records[0], other
+    gc.collect()
+    assert kept.size == each
+
+
+def test_a_record_joined_again_is_joined_alike() -> None:
+    for crossover in (2.0, 5.0):
+        fresh, kept = (
+            Recorded(one, filter=Filter(), scale=0.9).crossed(crossover).motion(0.001)
+            for one in (record(), _JOINED)
+        )
+        assert fresh == kept
 
 
 def test_the_ends_of_the_crossover_are_the_records_alone() -> None:

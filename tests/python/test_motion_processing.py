@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from scipy.signal import butter, sosfiltfilt
 
 from vsr2.config.motion_source import Filter
 from vsr2.errors import MotionError
@@ -46,6 +47,22 @@ def test_band_pass_has_the_butterworth_gain_squared_and_no_phase(order, frequenc
     assert gain == pytest.approx(1 / (1 + u ** (2 * order)), abs=1e-4)
     if gain > 0.1:
         assert phase == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.parametrize("filter", [Filter(), Filter(low=0.0, high=3.0, order=2)])
+@pytest.mark.parametrize("size", [16, 20, 5000])
+def test_a_band_pass_is_scipys_to_the_last_bit_whatever_stands_beside_it(size, filter):
+    signals = np.cumsum(np.random.default_rng(size).standard_normal((3, size)), axis=1)
+    corners = [filter.low, filter.high] if filter.low else filter.high
+    kind = "bandpass" if filter.low else "lowpass"
+    sections = butter(filter.order, corners, kind, fs=1 / H, output="sos")
+    # scipy's own padding, which these sections without a zero at the origin have.
+    padding = min(3 * (2 * len(sections) + 1), size - 1)
+    together = band_pass(signals, H, filter)
+    for signal, beside in zip(signals, together, strict=True):
+        expected = sosfiltfilt(sections, signal, padlen=padding)
+        np.testing.assert_array_equal(band_pass(signal, H, filter), expected)
+        np.testing.assert_array_equal(beside, expected)
 
 
 def test_a_band_pass_takes_the_offset_and_a_low_pass_keeps_it():

@@ -9,7 +9,15 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from vsr2.errors import MotionError
-from vsr2.motion import STANDARD_GRAVITY, Motion, cosine_motion, intensity_measures, pga_g, pgv
+from vsr2.motion import (
+    STANDARD_GRAVITY,
+    Motion,
+    SideMotion,
+    cosine_motion,
+    intensity_measures,
+    pga_g,
+    pgv,
+)
 
 
 def motion(**changes):
@@ -117,6 +125,26 @@ def test_a_scaled_motion_holds_factors_and_not_samples():
     assert len(pickle.dumps(twice)) < 1.1 * len(pickle.dumps(pulse))
     with pytest.raises(AttributeError, match="no attribute 'speed'"):
         _ = twice.speed
+
+
+def test_a_motion_with_others_beside_it_refers_to_its_samples():
+    pulse = cosine_motion(0.02, 3.0, 0.001).scaled(1.1)
+    side = SideMotion(0.1 * pulse.displacement, 0.1 * pulse.velocity)
+    found = pulse.with_sides("made", transverse=side)
+    built = replace(pulse, transverse=side, source="made")
+    assert found == built
+    assert (found.source, found.is_spatial) == ("made", True)
+    for name in ("displacement", "velocity", "acceleration"):
+        assert name not in vars(found)
+        np.testing.assert_array_equal(getattr(found, name), getattr(built, name))
+    assert found.pgv == built.pgv
+    assert found.with_sides("again", vertical=side).transverse is not None
+    assert pickle.loads(pickle.dumps(found)) == built
+    assert not pulse.is_spatial
+    with pytest.raises(MotionError, match="they must be equal"):
+        pulse.with_sides("made", transverse=SideMotion(np.zeros(3), np.zeros(3)))
+    with pytest.raises(MotionError, match="subtract the first value"):
+        pulse.with_sides("made", transverse=SideMotion(side.displacement + 1, side.velocity))
 
 
 def test_mirroring_twice_gives_the_motion_back():

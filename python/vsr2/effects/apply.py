@@ -106,7 +106,8 @@ def with_effect(
         _assert_once(one, [trial])
     made = trial
     for hook in _hooks([(one, {0: own})]):
-        made = _made(made, hook, hook.values[0])
+        for acting in hook.values.values():
+            made = _made(made, hook, acting)
     return trial.with_parts(made, made, (*trial.effects, own))
 
 
