@@ -9,6 +9,7 @@ import subprocess
 import sys
 import textwrap
 import threading
+import time
 import weakref
 from collections.abc import Iterator
 from dataclasses import replace
@@ -64,6 +65,29 @@ def assert_same(a: BatchResult, b: BatchResult, order: list[int] | None = None) 
         if left is not None and right is not None:
             assert left.state.tobytes() == right.state.tobytes()
             assert left.contacts.tobytes() == right.contacts.tobytes()
+
+
+def test_threads_of_the_core_go_on_while_trials_are_made() -> None:
+    """Whoever lets go of a motion last needs the interpreter's lock, which is not given up here."""
+    trials = study_trials(block_study(log_every=0))
+    finished: list[int] = []
+    at_first_look: list[int] = []
+
+    def made() -> Iterator[Trial]:
+        yield from trials
+        before = sys.getswitchinterval()
+        sys.setswitchinterval(1e3)
+        until = time.perf_counter() + 3.0  # They take some 0.1 s together.
+        while time.perf_counter() < until:
+            pass
+        sys.setswitchinterval(before)
+
+    def stopped() -> bool:
+        at_first_look.append(len(finished))
+        return False
+
+    run_native(made(), 1, take=lambda i, *_: finished.append(i), stopped=stopped)
+    assert at_first_look[0] == len(trials)
 
 
 def test_outcomes_grow_with_the_motion() -> None:

@@ -307,8 +307,8 @@ class KeptDisplacements:
         return known[key]
 
 
-_INTEGRATED = KeptDisplacements(2**26)
-"""Of accelerations: those of 180 of the laboratory's records."""
+_INTEGRATED = KeptDisplacements(2**25)
+"""Of accelerations: those of some 90 of the laboratory's records."""
 
 
 def build_recorded_motion(

@@ -98,7 +98,9 @@ def run_native(
     # Equal starts settle once; those not used for a while go, so memory does not grow.
     settled_start = lru_cache(QUEUE.starts)(_settled_start)
     native = _native.Batch(threads)
-    under_way: dict[int, tuple[Trial, float]] = {}
+    # Specifications are kept: who lets go of a motion last needs the interpreter's lock, for which
+    # a thread of the core would wait while trials are made.
+    under_way: dict[int, tuple[Trial, _native.TrialSpec, float]] = {}
     ahead = 0.0
     waiting = iter(trials)
     following = next(waiting, None)
@@ -110,15 +112,15 @@ def run_native(
                 full = len(under_way) >= QUEUE.trials or ahead + size > QUEUE.bytes
                 if full and len(under_way) >= 2 * threads:
                     break
-                index = native.add(_specification(following, settled_start))
-                under_way[index] = following, size
+                specification = _specification(following, settled_start)
+                under_way[native.add(specification)] = following, specification, size
                 ahead += size
                 following = next(waiting, None)
             else:
                 native.close()
             for i in native.wait(QUEUE.poll):
                 result = native.take(i)
-                trial, size = under_way.pop(i)
+                trial, _, size = under_way.pop(i)
                 ahead -= size
                 take(i, trial, _row(result), _log(trial, result))
             if stopped():
