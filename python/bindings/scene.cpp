@@ -58,6 +58,9 @@ void bind_engine(py::module_& m) {
                          {"parity", EngineKind::parity},
                          {"exact", EngineKind::exact},
                          {"fast", EngineKind::fast}});
+  // For settings in which an engine is a word.
+  const py::object literal = py::module_::import("typing").attr("Literal");
+  m.attr("EngineMode") = py::object(literal[names_of(m, "EngineKind")]);
   bind_enum<Handover>(m, "HandOver",
                       {{"none", Handover::none},
                        {"off_the_top", Handover::off_the_top},

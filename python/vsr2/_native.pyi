@@ -6,7 +6,7 @@ import enum
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'ContactValues', 'Drive', 'EngineKind', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InputFault', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'result_columns', 'state_columns']
+__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InputFault', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'result_columns', 'state_columns']
 class InputFault(enum.Enum):
     bad_value: typing.ClassVar[InputFault]
     drive: typing.ClassVar[InputFault]
@@ -233,13 +233,19 @@ class TrialResult:
         """
     @property
     def final_slip(self) -> float:
-        ...
+        """
+        m
+        """
     @property
     def final_tilt(self) -> float:
-        ...
+        """
+        rad
+        """
     @property
     def final_yaw(self) -> float:
-        ...
+        """
+        rad
+        """
     @property
     def foot(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
         ...
@@ -256,13 +262,19 @@ class TrialResult:
         ...
     @property
     def overturning_time(self) -> float:
-        ...
+        """
+        s
+        """
     @property
     def peak_tilt(self) -> float:
-        ...
+        """
+        rad
+        """
     @property
     def peak_tracking_error(self) -> float:
-        ...
+        """
+        m
+        """
     @property
     def settled_orientation(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]:
         ...
@@ -271,10 +283,14 @@ class TrialResult:
         ...
     @property
     def settling_time(self) -> float:
-        ...
+        """
+        s
+        """
     @property
     def simulated_time(self) -> float:
-        ...
+        """
+        s
+        """
     @property
     def status(self) -> Status:
         ...
@@ -298,15 +314,42 @@ class Batch:
         ...
     def wait(self, timeout: typing.SupportsFloat | typing.SupportsIndex) -> list[int]:
         ...
+class Column:
+    def __init__(self, *, name: str, unit: str, description: str, missing: str, dtype: str) -> None:
+        ...
+    @property
+    def description(self) -> str:
+        """
+        Without the unit.
+        """
+    @property
+    def dtype(self) -> str:
+        """
+        That numpy holds it with; text is of dtype object.
+        """
+    @property
+    def missing(self) -> str:
+        """
+        What NaN or an empty text says; empty: nothing.
+        """
+    @property
+    def name(self) -> str:
+        ...
+    @property
+    def unit(self) -> str:
+        """
+        1: a number without one; empty: no number.
+        """
 def build_facts() -> dict[str, str]:
     ...
 def combine(a: ContactValues, b: ContactValues) -> ContactValues:
     ...
-def contact_columns() -> list[tuple[str, str]]:
+def contact_columns() -> list[Column]:
     ...
-def result_columns() -> list[tuple[str, str, str]]:
+def result_columns() -> list[Column]:
     """
-    Name, unit and meaning of each.
+    What running a trial gives in its row.
     """
-def state_columns() -> list[tuple[str, str]]:
+def state_columns() -> list[Column]:
     ...
+EngineMode = typing.Literal['auto', 'parity', 'exact', 'fast']

@@ -319,6 +319,22 @@ def test_a_motion_is_lent_without_a_copy(copied: Callable[[Motion], Motion]) -> 
         _native.Samples(array)
 
 
+@pytest.mark.parametrize("table", ["state_columns", "contact_columns", "result_columns"])
+def test_every_column_has_a_unit_a_description_and_a_type(table: str) -> None:
+    columns: list[_native.Column] = getattr(_native, table)()
+    assert len({column.name for column in columns}) == len(columns)
+    for column in columns:
+        assert column.description
+        assert column.unit not in column.description.split()
+        assert not re.search(r"[\[\];]", column.description)
+        assert column.dtype in ("float64", "int64", "object")
+        assert bool(column.unit) == (column.dtype != "object"), column.name
+        if table == "result_columns":
+            assert hasattr(_native.TrialResult, column.name)
+        else:
+            assert column.dtype == "float64"
+
+
 def test_study_and_core_name_the_same_contact_parameters_in_the_same_units() -> None:
     named = {
         name: getattr(_native.ContactValues, name).__doc__
