@@ -92,7 +92,7 @@ void bind_engine(py::module_& m) {
 void bind_parts(py::module_& m) {
   py::class_<HullPart>(m, "HullPart")
       .def(py::init([](const Given<py::array>& given) { return HullPart{points(given, "points")}; }),
-           py::arg("points"));
+           py::kw_only(), py::arg("points"));
   bind_record<BoxPart>(
       m, "BoxPart", Field{"size", &BoxPart::size},
       Field{"position", [](BoxPart& b) -> Eigen::Vector3d& { return b.pose.position; }},
@@ -101,7 +101,7 @@ void bind_parts(py::module_& m) {
       .def(py::init([](const Given<py::array>& vertices, const Given<py::array>& faces) {
              return TrianglesPart{points(vertices, "vertices"), indices(faces, "faces")};
            }),
-           py::arg("vertices"), py::arg("faces"));
+           py::kw_only(), py::arg("vertices"), py::arg("faces"));
 }
 
 void bind_bodies(py::module_& m) {

@@ -116,7 +116,7 @@ void bind_endings(py::module_& m) {
 
 void bind_specification(py::module_& m) {
   py::class_<Samples>(m, "Samples", "Set-points in the memory of a read-only array, which it keeps.")
-      .def(py::init(&borrow), py::arg("values"));
+      .def(py::init(&borrow), py::kw_only(), py::arg("values"));
 
   py::class_<SettledStart, std::shared_ptr<SettledStart>>(m, "SettledStart")
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive,
@@ -179,7 +179,7 @@ void bind_result(py::module_& m) {
 void bind_batch(py::module_& m) {
   py::class_<Batch, std::unique_ptr<Batch, DeleteWithoutGil>>(m, "Batch")
       .def(py::init([](const Taken<int>& threads) { return new Batch(taken(threads, "threads")); }),
-           py::arg("threads"))
+           py::kw_only(), py::arg("threads"))
       .def("add", &Batch::add, py::arg("trial"))
       .def("close", &Batch::close)
       // Python signals are handled between the short waits, so Ctrl-C is seen at once.

@@ -77,13 +77,13 @@ class EngineSettings:
     def __init__(self, *, kind: EngineKind, gravity: float, time_step: float, substeps: int, solver_iterations: int, residual_threshold: float, converged_contacts: bool, skip_quiet: bool, restitution_velocity_threshold: float, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: float, contact_breaking_threshold: float, linear_damping: float, angular_damping: float) -> None:
         ...
 class HullPart:
-    def __init__(self, points: numpy.ndarray) -> None:
+    def __init__(self, *, points: numpy.ndarray) -> None:
         ...
 class BoxPart:
     def __init__(self, *, size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"]) -> None:
         ...
 class TrianglesPart:
-    def __init__(self, vertices: numpy.ndarray, faces: numpy.ndarray) -> None:
+    def __init__(self, *, vertices: numpy.ndarray, faces: numpy.ndarray) -> None:
         ...
 class PitchSpring:
     def __init__(self, *, frequency: float, damping: float, compliance: float, inertia: float) -> None:
@@ -133,7 +133,7 @@ class WorldState:
     def __setstate__(self, arg0: tuple) -> None:
         ...
 class World:
-    def __init__(self, scene: Scene, drive: Drive) -> None:
+    def __init__(self, *, scene: Scene, drive: Drive) -> None:
         ...
     def contacts(self) -> list:
         ...
@@ -143,15 +143,15 @@ class World:
         ...
     def save_state(self) -> WorldState:
         ...
-    def set_rock_velocity(self, linear: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], angular: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"]) -> None:
+    def set_rock_velocity(self, *, linear: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], angular: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"]) -> None:
         ...
     def settle(self, *, linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex) -> tuple[int, bool]:
         """
         Holds the pedestal until the rock rests: steps taken, and whether it rests.
         """
-    def spawn_rock(self, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"]) -> None:
+    def spawn_rock(self, *, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"]) -> None:
         ...
-    def step(self, position: typing.SupportsFloat | typing.SupportsIndex, velocity: typing.SupportsFloat | typing.SupportsIndex, transverse: typing.SupportsFloat | typing.SupportsIndex = 0.0, vertical: typing.SupportsFloat | typing.SupportsIndex = 0.0, pitch: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
+    def step(self, *, position: typing.SupportsFloat | typing.SupportsIndex, velocity: typing.SupportsFloat | typing.SupportsIndex, transverse: typing.SupportsFloat | typing.SupportsIndex = 0.0, vertical: typing.SupportsFloat | typing.SupportsIndex = 0.0, pitch: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
         ...
     @property
     def engine(self) -> EngineKind:
@@ -202,7 +202,7 @@ class Samples:
     """
     Set-points in the memory of a read-only array, which it keeps.
     """
-    def __init__(self, values: numpy.ndarray) -> None:
+    def __init__(self, *, values: numpy.ndarray) -> None:
         ...
 class SettledStart:
     def __init__(self, *, scene: Scene, drive: Drive, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"], linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex, log_every: typing.SupportsInt | typing.SupportsIndex) -> None:
@@ -298,7 +298,7 @@ class TrialResult:
     def steps(self) -> int:
         ...
 class Batch:
-    def __init__(self, threads: typing.SupportsInt | typing.SupportsIndex) -> None:
+    def __init__(self, *, threads: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
     def add(self, trial: TrialSpec) -> int:
         ...
