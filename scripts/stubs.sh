@@ -5,7 +5,10 @@ cd "$(dirname "$0")/.."
 bin=$(realpath "${VSR2_VENV:-.venv}")/bin
 out=$(mktemp -d)
 trap 'rm -rf "$out"' EXIT
-(cd "$out" && "$bin/pybind11-stubgen" vsr2._native --output-dir . --numpy-array-wrap-with-annotated >/dev/null)
+(cd "$out" && "$bin/python" -m pybind11_stubgen vsr2._native --output-dir . --numpy-array-wrap-with-annotated \
+  --print-value-comments >/dev/null)
+# A choice of words is a type; other values are not needed.
+sed -E -i 's/^(\w+): typing\._LiteralGenericAlias  # value = (.*)$/\1 = \2/; s/  # value = .*//' "$out/vsr2/_native.pyi"
 if [ "${1:-}" = check ]; then
   diff -u python/vsr2/_native.pyi "$out/vsr2/_native.pyi"
 else

@@ -288,9 +288,9 @@ class Jump {
   VSR2_INLINE void take(const Row& row, int q, VelocityChange<Linear>& v) {
     change_.set(q, row.change);
     if (q == 0) return;
-    for (int k = 0; k < 3; ++k) v.angular[k].set(q - 1, row.angular_response[k]);
-    if constexpr (Row::kAxis >= 0) v.linear[Row::kAxis].set(q - 1, row.linear_response);
-    if constexpr (Row::feels(kJoint)) v.joint.set(q - 1, row.joint_response);
+    row.template respond<kJoint>(v, [q](Linear& velocity, double response) VSR2_INLINE_LAMBDA {
+      velocity.set(q - 1, response);
+    });
   }
 
   VSR2_INLINE void find_open_base() {

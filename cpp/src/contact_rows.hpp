@@ -69,7 +69,6 @@ struct JointResponse {
 /// axes kFirst and kSecond, and along kLinear (-1: none).
 template <int kFirst, int kSecond, int kLinear>
 struct ContactRow {
-  static constexpr int kAxis = kLinear;
   // J_i / k_i: from velocities to impulses.
   double first, second, along, joint;
   // M^-1 J_i^T: change of the velocities by a unit impulse.
@@ -130,12 +129,20 @@ struct ContactRow {
     return with_constant(present, target) - speed<kJoint>(v);
   }
 
+  /// Calls `act` with each velocity that an impulse changes and its response to a unit of it.
+  template <Joint kJoint, typename Scalar, typename Act>
+  VSR2_INLINE void respond(VelocityChange<Scalar>& v, Act act) const {
+    for (int i = 0; i < 3; ++i) act(v.angular[i], angular_response[i]);
+    if constexpr (kLinear >= 0) act(v.linear[kLinear], linear_response);
+    if constexpr (feels(kJoint)) act(v.joint, joint_response);
+  }
+
   /// Adds what a change of the impulse does to the velocities.
   template <Joint kJoint, typename Scalar>
   VSR2_INLINE void apply(const Scalar& amount, VelocityChange<Scalar>& v) const {
-    for (int i = 0; i < 3; ++i) v.angular[i] += angular_response[i] * amount;
-    if constexpr (kLinear >= 0) v.linear[kLinear] += linear_response * amount;
-    if constexpr (feels(kJoint)) v.joint += joint_response * amount;
+    respond<kJoint>(v, [&](Scalar& velocity, double response) VSR2_INLINE_LAMBDA {
+      velocity += response * amount;
+    });
   }
 };
 
@@ -153,9 +160,10 @@ VSR2_INLINE void apply_pair(const Lateral1Row& row_1, const Scalar& amount_1,
     v.angular[i] += row_1.angular_response[i] * amount_1 + row_2.angular_response[i] * amount_2;
   v.linear[1] += row_1.linear_response * amount_1;
   v.linear[0] += row_2.linear_response * amount_2;
-  if constexpr (kJoint == Joint::motor) v.joint += row_2.joint_response * amount_2;
-  if constexpr (kJoint == Joint::pitch)
+  if constexpr (Lateral1Row::feels(kJoint))
     v.joint += row_1.joint_response * amount_1 + row_2.joint_response * amount_2;
+  else if constexpr (Lateral2Row::feels(kJoint))
+    v.joint += row_2.joint_response * amount_2;
 }
 
 /// The row of a joint motor along x, which acts on the support alone: J_i v = q.

@@ -1,6 +1,9 @@
 #include "drive_law.hpp"
 
 #include <algorithm>
+#include <cmath>
+
+#include "velocity_damping.hpp"
 
 namespace vsr2 {
 
@@ -36,6 +39,10 @@ void check_target(const PedestalSpec& pedestal, Drive drive, const DriveTarget& 
     throw InvalidInput(
         "the pedestal pitches on a spring and takes no set-points of pitch; leave one of them out",
         InputFault::drive);
+}
+
+double MotorLaw::damped(const EngineSettings& engine, double velocity, double dt) {
+  return velocity - dt * velocity * damping_rate(engine.linear_damping, std::abs(velocity));
 }
 
 double MotorLaw::speed(Drive drive, const PedestalState& now, const DriveTarget& target, double dt) {

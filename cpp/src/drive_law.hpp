@@ -39,6 +39,9 @@ struct MotorLaw {
   static double maximum_impulse(const EngineSettings& engine) {
     return maximum_force * engine.time_step;
   }
+  /// The joint's speed at the start of a solver step of `dt`, which Bullet damps before its motor acts
+  /// [m/s].
+  static double damped(const EngineSettings& engine, double velocity, double dt);
   /// The speed it gives a free joint over a solver step of `dt` [m/s].
   static double speed(Drive drive, const PedestalState& now, const DriveTarget& target, double dt);
 };

@@ -1,5 +1,10 @@
 #pragma once
 // Bullet's multibody solver with its iterations on rows laid out flat; private to the core.
+//
+// The rows and their equation are those of contact_rows.hpp, but Bullet's sums run in another order
+// and over other numbers: it multiplies a row's velocity by the inverse mass after summing, body by
+// body, where a ContactRow carries the product. That changes last bits, and this engine must give
+// Bullet's, so it keeps Bullet's Jacobians and has a sweep of its own.
 
 #include <cstddef>
 #include <vector>
@@ -9,7 +14,8 @@
 namespace vsr2 {
 
 /// Same rows, same order of operations, same bits as btMultiBodyConstraintSolver, for one free
-/// body in contact with one body on a chain of up to four joints (the slider) and fixed ones. Anything else goes to the base class.
+/// body in contact with one body on a chain of up to four joints (the slider) and fixed ones. Anything
+/// else goes to the base class.
 ///
 /// The iteration is a fixed map of its state (impulses and velocity changes). Once a state comes
 /// back bit for bit the rest is a cycle, and only the part of it is run that leads to the state of

@@ -7,6 +7,7 @@
 #include "contact_sweeps.hpp"
 #include "fast_stepper.hpp"
 #include "sticking_contacts.hpp"
+#include "velocity_damping.hpp"
 
 namespace vsr2 {
 namespace {
@@ -54,13 +55,13 @@ struct FastStepper::ContactStep {
   Vector3d v, w;                  // of the rock's mass centre
   Vector3d support_v, support_w;  // of the support's origin
 
-  ContactStep(const FastModel& m, const RockState& rock, const Support& support, const Vector3d& v_W,
+  ContactStep(const FastModel& m, const Matrix3d& R_WB, const Support& support, const Vector3d& v_W,
               const Vector3d& w_W, double time_step)
       : pair(m.pair),
         threshold(m.engine.restitution_velocity_threshold),
         dt(time_step),
         turns(!support.level),
-        R_PB(rock.q_WB.toRotationMatrix()),
+        R_PB(R_WB),
         v(v_W),
         w(w_W),
         support_v(support.v_WP),
@@ -101,21 +102,21 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
   Vector3d v = state.v_WB;
   Vector3d w = state.w_WB;
 
-  // Weight, gyroscopic moment, and Bullet's damping with its linear and quadratic terms.
+  const Matrix3d R_WB = state.q_WB.toRotationMatrix();
+  // Weight, gyroscopic moment and Bullet's damping.
   {
-    const Matrix3d R = state.q_WB.toRotationMatrix();
-    const Vector3d w_B = R.transpose() * w;
+    const Vector3d w_B = R_WB.transpose() * w;
     const Vector3d turn = -m.inverse_inertia.cwiseProduct(w_B.cross(m.inertia.cwiseProduct(w_B))) -
-                          w_B * (m.engine.angular_damping + m.engine.angular_damping * w_B.norm());
-    w = bounded_velocity(Vector3d(w + dt * (R * turn)));
-    const Vector3d drag = v * (m.engine.linear_damping + m.engine.linear_damping * v.norm());
+                          w_B * damping_rate(m.engine.angular_damping, w_B.norm());
+    w = bounded_velocity(Vector3d(w + dt * (R_WB * turn)));
+    const Vector3d drag = v * damping_rate(m.engine.linear_damping, v.norm());
     v = bounded_velocity(Vector3d(v + dt * (Vector3d(0, 0, -m.engine.gravity) - drag)));
   }
 
   motor.velocity_change = 0.0;
   iterations_ = 0;
   if (count_ > 0 || motor.inverse_mass > 0) {
-    const ContactStep step(m, state, support, v, w, dt);
+    const ContactStep step(m, R_WB, support, v, w, dt);
     const bool yields = motor.inverse_mass > 0 || motor.pitch_response > 0;
     VelocityChange<double> change;
     const bool solves = m.engine.converged_contacts && !yields && !(m.engine.residual_threshold > 0);

@@ -124,7 +124,9 @@ bool FastStepper::closest_by_bullet(const Support& support, Vector3d& p_W_rock,
                                     Vector3d& p_W_support, double& distance) const {
   const FastModel& m = *model_;
   const btTransform X_WS = to_bullet(Pose{state.p_WB, state.q_WB}) * m.X_BS;
-  const btTransform X_WP = to_bullet(Pose{support.p_WP, Eigen::Quaterniond(support.R_WP)});
+  const btTransform X_WP(support.level ? btMatrix3x3::getIdentity()
+                                       : btMatrix3x3(to_bullet(Eigen::Quaterniond(support.R_WP))),
+                         to_bullet(support.p_WP));
   const btConvexShape* first = m.hull.get();
   const btConvexShape* second = m.support_box.get();
   if (!m.rock_is_first) std::swap(first, second);

@@ -2,7 +2,6 @@
 // leaves it.
 
 #include <algorithm>
-#include <cmath>
 #include <optional>
 #include <vector>
 
@@ -301,14 +300,12 @@ class FastWorld final : public World {
         }
         break;
       case Drive::motor_position:
-      case Drive::motor_position_velocity: {
-        const double damping = scene_->engine().linear_damping;
-        next.velocity -= dt * next.velocity * (damping + damping * std::abs(next.velocity));
+      case Drive::motor_position_velocity:
+        next.velocity = MotorLaw::damped(scene_->engine(), next.velocity, dt);
         motor.inverse_mass = 1.0 / scene_->pedestal().mass;
         motor.target_velocity = MotorLaw::speed(drive_, next, target, dt);
         motor.maximum_impulse = MotorLaw::maximum_impulse(scene_->engine());
         support.v_WP.x() = next.velocity;
-      }
     }
     return motor;
   }

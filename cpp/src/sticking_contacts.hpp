@@ -18,6 +18,10 @@
 // c + a y_i - b x_i + softness lambda_i >= target_i. One closed contact also lets the rock spin, which
 // its spinning friction may stop. Source: Featherstone, "Rigid Body Dynamics Algorithms" (2008), ch. 3
 // (constrained motion) and 11 (contact).
+//
+// The demand is that of the normal rows of contact_rows.hpp, but a direct solution needs the compliance
+// of all rows at once, in the two or three motions that sticking leaves. A ContactRow holds one row
+// over all seven velocities, divided by its own mass, so nothing of it is used here.
 
 #include <array>
 

@@ -151,6 +151,11 @@ void bind_enum(py::module_& m, const char* name, std::initializer_list<std::pair
   type.finalize();
 }
 
+/// The names of the values of an enumeration of the module.
+inline py::tuple names_of(const py::module_& m, const char* enumeration) {
+  return py::tuple(m.attr(enumeration).attr("__members__"));
+}
+
 /// The pose of the arguments `position` and `orientation`.
 inline Pose taken_pose(const Given<Eigen::Vector3d>& position, const Given<Vector4>& xyzw) {
   return {taken(position, "position"), Eigen::Quaterniond(taken(xyzw, "orientation"))};

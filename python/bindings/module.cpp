@@ -1,4 +1,5 @@
-// The Python module vsr2._native: conversions only. Python validates and allocates.
+// The Python module vsr2._native: conversions only. Python validates and allocates. What takes
+// several arguments, and every constructor, takes them by name.
 
 #include <algorithm>
 #include <string>

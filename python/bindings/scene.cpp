@@ -58,6 +58,9 @@ void bind_engine(py::module_& m) {
                          {"parity", EngineKind::parity},
                          {"exact", EngineKind::exact},
                          {"fast", EngineKind::fast}});
+  // For settings in which an engine is a word.
+  const py::object literal = py::module_::import("typing").attr("Literal");
+  m.attr("EngineMode") = py::object(literal[names_of(m, "EngineKind")]);
   bind_enum<Handover>(m, "HandOver",
                       {{"none", Handover::none},
                        {"off_the_top", Handover::off_the_top},
@@ -89,7 +92,7 @@ void bind_engine(py::module_& m) {
 void bind_parts(py::module_& m) {
   py::class_<HullPart>(m, "HullPart")
       .def(py::init([](const Given<py::array>& given) { return HullPart{points(given, "points")}; }),
-           py::arg("points"));
+           py::kw_only(), py::arg("points"));
   bind_record<BoxPart>(
       m, "BoxPart", Field{"size", &BoxPart::size},
       Field{"position", [](BoxPart& b) -> Eigen::Vector3d& { return b.pose.position; }},
@@ -98,7 +101,7 @@ void bind_parts(py::module_& m) {
       .def(py::init([](const Given<py::array>& vertices, const Given<py::array>& faces) {
              return TrianglesPart{points(vertices, "vertices"), indices(faces, "faces")};
            }),
-           py::arg("vertices"), py::arg("faces"));
+           py::kw_only(), py::arg("vertices"), py::arg("faces"));
 }
 
 void bind_bodies(py::module_& m) {

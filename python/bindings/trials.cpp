@@ -49,32 +49,41 @@ py::array_t<double> adopt(std::vector<double>&& values, py::ssize_t columns) {
   return py::array_t<double>({rows, columns}, data, guard);
 }
 
-/// The numbers of a trial's row, in the order of its columns.
-struct ResultColumn {
-  const char* name;
-  double TrialResult::* member;
-  const char* unit;
-  const char* meaning;  ///< Empty where the name says it; the text's unit goes before a semicolon.
-};
-constexpr ResultColumn kResultColumns[] = {
-    {"settling_time", &TrialResult::settling_time, "s", ""},
-    {"simulated_time", &TrialResult::simulated_time, "s", "after settling"},
-    {"overturning_time", &TrialResult::overturning_time, "s",
-     "irreversibly overturned from; empty: never"},
-    {"peak_tilt", &TrialResult::peak_tilt, "rad", ""},
-    {"final_tilt", &TrialResult::final_tilt, "rad", ""},
-    {"final_slip", &TrialResult::final_slip, "m", ""},
-    {"final_yaw", &TrialResult::final_yaw, "rad", ""},
-    {"peak_tracking_error", &TrialResult::peak_tracking_error, "m",
-     "commanded against achieved pedestal position"},
+/// A column as Python has it.
+struct NamedColumn {
+  std::string name;
+  std::string unit;
+  std::string description;
+  std::string missing;  ///< what it says that a value is NaN or empty
+  std::string dtype;
 };
 
-/// Names of a log's columns with their units.
+/// The numbers of a trial's row, in the order of its columns.
+struct ResultColumn {
+  Column column;
+  double TrialResult::* member;
+  const char* missing = "";
+};
+constexpr ResultColumn kResultColumns[] = {
+    {{"settling_time", "s", "time that settling took"}, &TrialResult::settling_time},
+    {{"simulated_time", "s", "time after settling"}, &TrialResult::simulated_time},
+    {{"overturning_time", "s", "time from which on it had irreversibly overturned"},
+     &TrialResult::overturning_time,
+     "never"},
+    {{"peak_tilt", "rad", "largest tilt from the settled pose"}, &TrialResult::peak_tilt},
+    {{"final_tilt", "rad", "tilt from the settled pose at the end"}, &TrialResult::final_tilt},
+    {{"final_slip", "m", "travel of the rock's foot at the end"}, &TrialResult::final_slip},
+    {{"final_yaw", "rad", "turn about the vertical at the end"}, &TrialResult::final_yaw},
+    {{"peak_tracking_error", "m", "largest distance of the pedestal from its set-point"},
+     &TrialResult::peak_tracking_error},
+};
+
+/// A list of a log's columns, whose values are doubles.
 template <std::size_t kCount>
 void bind_columns(py::module_& m, const char* name, const std::array<Column, kCount>& columns) {
   m.def(name, [&columns] {
-    std::vector<std::pair<std::string, std::string>> out;
-    for (const Column& column : columns) out.emplace_back(column.name, column.unit);
+    std::vector<NamedColumn> out;
+    for (const Column& one : columns) out.push_back({one.name, one.unit, one.description, "", "float64"});
     return out;
   });
 }
@@ -107,7 +116,7 @@ void bind_endings(py::module_& m) {
 
 void bind_specification(py::module_& m) {
   py::class_<Samples>(m, "Samples", "Set-points in the memory of a read-only array, which it keeps.")
-      .def(py::init(&borrow), py::arg("values"));
+      .def(py::init(&borrow), py::kw_only(), py::arg("values"));
 
   py::class_<SettledStart, std::shared_ptr<SettledStart>>(m, "SettledStart")
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive,
@@ -144,7 +153,7 @@ void bind_specification(py::module_& m) {
 void bind_result(py::module_& m) {
   py::class_<TrialResult> result(m, "TrialResult", "Its numbers: result_columns().");
   for (const ResultColumn& column : kResultColumns)
-    result.def_readonly(column.name, column.member);
+    result.def_readonly(column.column.name, column.member, column.column.unit);
   result.def_readonly("status", &TrialResult::status)
       .def_readonly("outcome", &TrialResult::outcome)
       .def_readonly("message", &TrialResult::message)
@@ -170,7 +179,7 @@ void bind_result(py::module_& m) {
 void bind_batch(py::module_& m) {
   py::class_<Batch, std::unique_ptr<Batch, DeleteWithoutGil>>(m, "Batch")
       .def(py::init([](const Taken<int>& threads) { return new Batch(taken(threads, "threads")); }),
-           py::arg("threads"))
+           py::kw_only(), py::arg("threads"))
       .def("add", &Batch::add, py::arg("trial"))
       .def("close", &Batch::close)
       // Python signals are handled between the short waits, so Ctrl-C is seen at once.
@@ -191,15 +200,42 @@ void bind_batch(py::module_& m) {
            py::arg("index"));
 }
 
+// The table of trials: numbers, and words among which an enumeration's names are listed.
+std::vector<NamedColumn> result_columns(const py::module_& m) {
+  const auto word = [](const char* name, const std::string& description, const py::object& among,
+                       const char* missing = "") {
+    const auto names = py::str(", ").attr("join")(among).cast<std::string>();
+    return NamedColumn{name, "", description + ": " + names, missing, "object"};
+  };
+  py::list engines(names_of(m, "EngineKind"));
+  engines.attr("remove")("auto");  // which is the choice among them
+  std::vector<NamedColumn> out{word("status", "how it ended", names_of(m, "Status")),
+                               word("outcome", "what the rock did", names_of(m, "Outcome"))};
+  for (const auto& [column, member, missing] : kResultColumns)
+    out.push_back({column.name, column.unit, column.description, missing, "float64"});
+  out.push_back({"steps", "1", "time steps that were taken, the trial's own settling included", "",
+                 "int64"});
+  out.push_back(word("engine", "engine that it began with", engines, "none ran"));
+  out.push_back(word("hand_over", "why `fast` went on with `exact`", names_of(m, "HandOver")));
+  out.push_back({"message", "", "text of the exception that ended a trial of status `error`",
+                 "there was none", "object"});
+  return out;
+}
+
 void bind_column_lists(py::module_& m) {
+  using C = NamedColumn;
+  bind_record<C>(m, "Column", Field{"name", &C::name}, Field{"unit", &C::unit},
+                 Field{"description", &C::description}, Field{"missing", &C::missing},
+                 Field{"dtype", &C::dtype})
+      .def_readonly("name", &C::name)
+      .def_readonly("unit", &C::unit, "1: a number without one; empty: no number.")
+      .def_readonly("description", &C::description, "Without the unit.")
+      .def_readonly("missing", &C::missing, "What NaN or an empty text says; empty: nothing.")
+      .def_readonly("dtype", &C::dtype, "That numpy holds it with; text is of dtype object.");
   bind_columns(m, "state_columns", kStateLog);
   bind_columns(m, "contact_columns", kContactLog);
-  m.def("result_columns", [] {
-    std::vector<std::tuple<std::string, std::string, std::string>> out;
-    for (const ResultColumn& column : kResultColumns)
-      out.emplace_back(column.name, column.unit, column.meaning);
-    return out;
-  }, "Name, unit and meaning of each.");
+  m.def("result_columns", [columns = result_columns(m)] { return columns; },
+        "What running a trial gives in its row.");
 }
 
 }  // namespace

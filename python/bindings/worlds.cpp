@@ -90,13 +90,13 @@ void bind_worlds(py::module_& m) {
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive) {
              return std::make_unique<RecordedWorld>(std::move(scene), drive);
            }),
-           py::arg("scene"), py::arg("drive"))
+           py::kw_only(), py::arg("scene"), py::arg("drive"))
       .def("spawn_rock",
            [](RecordedWorld& world, const Taken<Eigen::Vector3d>& position,
               const Taken<Vector4>& orientation) {
              world.spawn_rock(taken_pose(position, orientation));
            },
-           py::arg("position"), py::arg("orientation"))
+           py::kw_only(), py::arg("position"), py::arg("orientation"))
       .def("delete_rock", &RecordedWorld::delete_rock)
       .def_property_readonly("has_rock", &RecordedWorld::has_rock)
       .def_property_readonly("engine", &RecordedWorld::engine, "Engine it was built with.")
@@ -122,7 +122,7 @@ void bind_worlds(py::module_& m) {
               const Taken<Eigen::Vector3d>& angular) {
              world.set_rock_velocity(taken(linear, "linear"), taken(angular, "angular"));
            },
-           py::arg("linear"), py::arg("angular"))
+           py::kw_only(), py::arg("linear"), py::arg("angular"))
       .def("step",
            [](RecordedWorld& world, const Taken<double>& position, const Taken<double>& velocity,
               const Taken<double>& transverse, const Taken<double>& vertical,
@@ -132,7 +132,7 @@ void bind_worlds(py::module_& m) {
                          {taken(transverse, "transverse"), taken(vertical, "vertical"),
                           taken(pitch, "pitch")}});
            },
-           py::arg("position"), py::arg("velocity"), py::arg("transverse") = 0.0,
+           py::kw_only(), py::arg("position"), py::arg("velocity"), py::arg("transverse") = 0.0,
            py::arg("vertical") = 0.0, py::arg("pitch") = 0.0);
   bind_readings(bound);
 }

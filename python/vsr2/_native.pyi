@@ -6,7 +6,7 @@ import enum
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'ContactValues', 'Drive', 'EngineKind', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InputFault', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'result_columns', 'state_columns']
+__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InputFault', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'result_columns', 'state_columns']
 class InputFault(enum.Enum):
     bad_value: typing.ClassVar[InputFault]
     drive: typing.ClassVar[InputFault]
@@ -77,13 +77,13 @@ class EngineSettings:
     def __init__(self, *, kind: EngineKind, gravity: float, time_step: float, substeps: int, solver_iterations: int, residual_threshold: float, converged_contacts: bool, skip_quiet: bool, restitution_velocity_threshold: float, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: float, contact_breaking_threshold: float, linear_damping: float, angular_damping: float) -> None:
         ...
 class HullPart:
-    def __init__(self, points: numpy.ndarray) -> None:
+    def __init__(self, *, points: numpy.ndarray) -> None:
         ...
 class BoxPart:
     def __init__(self, *, size: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"]) -> None:
         ...
 class TrianglesPart:
-    def __init__(self, vertices: numpy.ndarray, faces: numpy.ndarray) -> None:
+    def __init__(self, *, vertices: numpy.ndarray, faces: numpy.ndarray) -> None:
         ...
 class PitchSpring:
     def __init__(self, *, frequency: float, damping: float, compliance: float, inertia: float) -> None:
@@ -133,7 +133,7 @@ class WorldState:
     def __setstate__(self, arg0: tuple) -> None:
         ...
 class World:
-    def __init__(self, scene: Scene, drive: Drive) -> None:
+    def __init__(self, *, scene: Scene, drive: Drive) -> None:
         ...
     def contacts(self) -> list:
         ...
@@ -143,15 +143,15 @@ class World:
         ...
     def save_state(self) -> WorldState:
         ...
-    def set_rock_velocity(self, linear: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], angular: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"]) -> None:
+    def set_rock_velocity(self, *, linear: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], angular: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"]) -> None:
         ...
     def settle(self, *, linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex) -> tuple[int, bool]:
         """
         Holds the pedestal until the rock rests: steps taken, and whether it rests.
         """
-    def spawn_rock(self, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"]) -> None:
+    def spawn_rock(self, *, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"]) -> None:
         ...
-    def step(self, position: typing.SupportsFloat | typing.SupportsIndex, velocity: typing.SupportsFloat | typing.SupportsIndex, transverse: typing.SupportsFloat | typing.SupportsIndex = 0.0, vertical: typing.SupportsFloat | typing.SupportsIndex = 0.0, pitch: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
+    def step(self, *, position: typing.SupportsFloat | typing.SupportsIndex, velocity: typing.SupportsFloat | typing.SupportsIndex, transverse: typing.SupportsFloat | typing.SupportsIndex = 0.0, vertical: typing.SupportsFloat | typing.SupportsIndex = 0.0, pitch: typing.SupportsFloat | typing.SupportsIndex = 0.0) -> None:
         ...
     @property
     def engine(self) -> EngineKind:
@@ -202,7 +202,7 @@ class Samples:
     """
     Set-points in the memory of a read-only array, which it keeps.
     """
-    def __init__(self, values: numpy.ndarray) -> None:
+    def __init__(self, *, values: numpy.ndarray) -> None:
         ...
 class SettledStart:
     def __init__(self, *, scene: Scene, drive: Drive, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"], linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex, log_every: typing.SupportsInt | typing.SupportsIndex) -> None:
@@ -233,13 +233,19 @@ class TrialResult:
         """
     @property
     def final_slip(self) -> float:
-        ...
+        """
+        m
+        """
     @property
     def final_tilt(self) -> float:
-        ...
+        """
+        rad
+        """
     @property
     def final_yaw(self) -> float:
-        ...
+        """
+        rad
+        """
     @property
     def foot(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
         ...
@@ -256,13 +262,19 @@ class TrialResult:
         ...
     @property
     def overturning_time(self) -> float:
-        ...
+        """
+        s
+        """
     @property
     def peak_tilt(self) -> float:
-        ...
+        """
+        rad
+        """
     @property
     def peak_tracking_error(self) -> float:
-        ...
+        """
+        m
+        """
     @property
     def settled_orientation(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"]:
         ...
@@ -271,10 +283,14 @@ class TrialResult:
         ...
     @property
     def settling_time(self) -> float:
-        ...
+        """
+        s
+        """
     @property
     def simulated_time(self) -> float:
-        ...
+        """
+        s
+        """
     @property
     def status(self) -> Status:
         ...
@@ -282,7 +298,7 @@ class TrialResult:
     def steps(self) -> int:
         ...
 class Batch:
-    def __init__(self, threads: typing.SupportsInt | typing.SupportsIndex) -> None:
+    def __init__(self, *, threads: typing.SupportsInt | typing.SupportsIndex) -> None:
         ...
     def add(self, trial: TrialSpec) -> int:
         ...
@@ -298,15 +314,42 @@ class Batch:
         ...
     def wait(self, timeout: typing.SupportsFloat | typing.SupportsIndex) -> list[int]:
         ...
+class Column:
+    def __init__(self, *, name: str, unit: str, description: str, missing: str, dtype: str) -> None:
+        ...
+    @property
+    def description(self) -> str:
+        """
+        Without the unit.
+        """
+    @property
+    def dtype(self) -> str:
+        """
+        That numpy holds it with; text is of dtype object.
+        """
+    @property
+    def missing(self) -> str:
+        """
+        What NaN or an empty text says; empty: nothing.
+        """
+    @property
+    def name(self) -> str:
+        ...
+    @property
+    def unit(self) -> str:
+        """
+        1: a number without one; empty: no number.
+        """
 def build_facts() -> dict[str, str]:
     ...
 def combine(a: ContactValues, b: ContactValues) -> ContactValues:
     ...
-def contact_columns() -> list[tuple[str, str]]:
+def contact_columns() -> list[Column]:
     ...
-def result_columns() -> list[tuple[str, str, str]]:
+def result_columns() -> list[Column]:
     """
-    Name, unit and meaning of each.
+    What running a trial gives in its row.
     """
-def state_columns() -> list[tuple[str, str]]:
+def state_columns() -> list[Column]:
     ...
+EngineMode = typing.Literal['auto', 'parity', 'exact', 'fast']

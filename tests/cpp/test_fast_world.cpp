@@ -225,21 +225,28 @@ TEST(FastWorld, GivesTheSameBitsOnEveryThread) {
 
 TEST(FastWorld, EqualsItselfWithoutVectorInstructions) {
   if (instruction_set() != InstructionSet::avx2) GTEST_SKIP() << "this processor has no AVX2";
-  const auto shared = scene(RockKind::hull);
-  std::vector<RockState> states[2];
-  for (const bool portable : {false, true}) {
-    set_instruction_set(portable ? InstructionSet::portable : InstructionSet::automatic);
-    const auto world = make_fast_world(shared, Drive::prescribed);
-    world->spawn_rock(test::start(RockKind::hull));
-    const test::Pulse pulse{0.25, 1.5};
-    for (int i = 0; i < 1500; ++i) {
-      world->step(pulse.at(i));
-      states[portable].push_back(world->rock());
+  // With the powers of sweeps (contact_jump.cpp) and without, with a motor among their variables too.
+  for (const bool swept : {false, true}) {
+    for (const Drive drive : {Drive::prescribed, Drive::motor_position}) {
+      EngineSettings engine;
+      engine.converged_contacts = !swept;
+      const auto shared = scene(RockKind::hull, engine);
+      std::vector<RockState> states[2];
+      for (const bool portable : {false, true}) {
+        set_instruction_set(portable ? InstructionSet::portable : InstructionSet::automatic);
+        const auto world = make_fast_world(shared, drive);
+        world->spawn_rock(test::start(RockKind::hull));
+        const test::Pulse pulse{0.25, 1.5};
+        for (int i = 0; i < 1500; ++i) {
+          world->step(pulse.at(i));
+          states[portable].push_back(world->rock());
+        }
+      }
+      set_instruction_set(InstructionSet::automatic);
+      for (std::size_t i = 0; i < states[0].size(); ++i)
+        ASSERT_TRUE(test::same_bits(states[0][i], states[1][i])) << "step " << i;
     }
   }
-  set_instruction_set(InstructionSet::automatic);
-  for (std::size_t i = 0; i < states[0].size(); ++i)
-    ASSERT_TRUE(test::same_bits(states[0][i], states[1][i])) << "step " << i;
 }
 
 TEST(FastWorld, StartsAfreshAfterDeletion) {

@@ -2,9 +2,11 @@
 
 import math
 import re
+from typing import get_args
 
 import pytest
 
+from vsr2._native import EngineKind, EngineMode
 from vsr2.config import study_from_mapping
 from vsr2.config.motion_source import Range
 from vsr2.config.study import Contact, Engine, Study
@@ -22,6 +24,13 @@ def refusal(**sections):
     with pytest.raises(ConfigError) as caught:
         build(**sections)
     return str(caught.value)
+
+
+def test_modes_of_the_engine_are_those_of_the_core():
+    modes = list(EngineKind.__members__)
+    assert list(get_args(EngineMode)) == modes
+    assert [build(engine={"mode": mode}).engine.mode for mode in modes] == modes
+    assert "auto, parity, exact or fast" in refusal(engine={"mode": "quick"})
 
 
 def test_defaults_are_the_supplements_values_but_for_bullets_habits():

@@ -42,7 +42,7 @@ ELSEWHERE = {
     "results/atomic.py:_REMEDY": "a remedy",
     "results/dataset.py:_": "meaning of a variable",
     "results/journal.py:_KIND": "faults of a store",
-    "results/result.py:TRIAL_COLUMNS": "meaning of a column",
+    "results/result.py:_columns": "meaning of a column",
     "results/store.py:_reason": "faults of a record",
     "scene/mesh_files.py:bytes_of": "a remedy",
     "scene/mesh_repair.py:": "a remedy",

@@ -123,7 +123,7 @@ def test_interactive_world_and_batch_share_the_core(skip: str) -> None:
         # The batch starts a fresh world from the pose of rest and settles there once more.
         state = simulation.state
         simulation = Simulation(trial.scene, drive="prescribed", spawn=False)
-        simulation._world.spawn_rock(state.position, state.body_orientation)
+        simulation._world.spawn_rock(position=state.position, orientation=state.body_orientation)
         simulation.settle(trial.settling)
     steps = min(len(log.state), trial.motion.displacement.size)
     assert steps > 500
@@ -269,7 +269,7 @@ def test_motions_may_go_while_their_trials_run(
         owner.setflags(write=False)
         array = owner.view(Lent)
         alive.append(weakref.ref(array))
-        return _native.Samples(array)
+        return _native.Samples(values=array)
 
     def lent(motion: Motion) -> dict[str, object]:
         sides = dict.fromkeys(motion.sides)
@@ -282,7 +282,7 @@ def test_motions_may_go_while_their_trials_run(
     trials = study_trials(block_study(mode="fast"))
     reference = run_batch(trials)
     monkeypatch.setattr("vsr2.simulation.native_trials._lent", lent)
-    batch = _native.Batch(3)
+    batch = _native.Batch(threads=3)
     for i in range(24):
         batch.add(_specification(trials[i % 6], _settled_start))
     batch.close()

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import ast
 import copy
 import gc
 import math
@@ -12,6 +13,7 @@ import struct
 import weakref
 from collections.abc import Callable
 from dataclasses import asdict, replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -37,17 +39,19 @@ def test_the_core_refuses_what_it_would_have_to_convert() -> None:
         with pytest.raises(TypeError, match="points must be an array of float64"):
             _native.HullPart(points=corners.astype(wrong))
         with pytest.raises(TypeError, match="vertices must be an array of float64"):
-            _native.TrianglesPart(corners.astype(wrong), np.array([[0, 1, 2]]))
+            _native.TrianglesPart(vertices=corners.astype(wrong), faces=np.array([[0, 1, 2]]))
     with pytest.raises(TypeError):
         _native.PitchSpring(frequency="8", damping=0.1, compliance=0.0, inertia=1.0)
     with pytest.raises(TypeError):
         _native.PitchSpring(8.0, 0.1, 0.0, 1.0)
     with pytest.raises(TypeError, match="float64"):
-        _native.Samples(np.zeros(3, dtype=np.float32))
+        _native.Samples(values=np.zeros(3, dtype=np.float32))
     with pytest.raises(_native.InvalidInput, match=r"faces must be below 2\^63"):
-        _native.TrianglesPart(corners, np.array([[0, 1, 2**63 + 1]], dtype=np.uint64))
+        _native.TrianglesPart(
+            vertices=corners, faces=np.array([[0, 1, 2**63 + 1]], dtype=np.uint64)
+        )
     for right in (np.uint64, np.int64, np.int32, np.uint8):
-        _native.TrianglesPart(corners, np.array([[0, 1, 2]], dtype=right))
+        _native.TrianglesPart(vertices=corners, faces=np.array([[0, 1, 2]], dtype=right))
 
 
 @pytest.mark.parametrize("value", [True, np.True_])
@@ -76,9 +80,9 @@ def test_the_core_takes_no_integer_that_a_float_cannot_hold(value: int) -> None:
 @pytest.mark.parametrize("value", [True, np.True_])
 def test_no_function_of_the_core_takes_a_truth_value_for_a_number(value: Any) -> None:
     drive, scene = _native.Drive.prescribed_spatial, native_scene(build_scene(study()))
-    world, batch = _native.World(scene, drive), _native.Batch(threads=1)
+    world, batch = _native.World(scene=scene, drive=drive), _native.Batch(threads=1)
     position, orientation = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 0.0, 1.0])
-    world.spawn_rock(position, orientation)
+    world.spawn_rock(position=position, orientation=orientation)
     rest = {"linear_speed": 1e-3, "angular_speed": 2e-3, "window": 0.25, "timeout": 0.01}
     pose = {"scene": scene, "drive": drive, "position": position, "orientation": orientation}
     target = dict.fromkeys(("position", "velocity", "transverse", "vertical", "pitch"), 0.0)
@@ -106,7 +110,7 @@ def arguments() -> list[tuple[Callable[..., Any], dict[str, Any]]]:
     n, three = _native, np.array([0.1, 0.2, 3.0])
     upright, corners = np.array([0.0, 0.0, 0.0, 1.0]), np.eye(3)
     scene, drive = native_scene(build_scene(study())), n.Drive.prescribed_spatial
-    world, batch = n.World(scene, drive), n.Batch(threads=1)
+    world, batch = n.World(scene=scene, drive=drive), n.Batch(threads=1)
     pose = {"position": three, "orientation": upright}
     world.spawn_rock(**pose)
     rest = {"linear_speed": 1e-3, "angular_speed": 2e-3, "window": 0.25, "timeout": 0.01}
@@ -117,7 +121,7 @@ def arguments() -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         exclude={"mode", "skip", "split_impulse", "split_impulse_penetration_threshold"}
     )
     start = pose | rest | {"scene": scene, "drive": drive, "log_every": 0}
-    body = {"parts": [n.HullPart(corners)], "mass": 1.0, "material": material}
+    body = {"parts": [n.HullPart(points=corners)], "mass": 1.0, "material": material}
     channels = ("motion_position", "motion_velocity", "transverse", "vertical", "pitch")
     return [
         (n.ContactValues, Material().model_dump()),
@@ -142,7 +146,7 @@ def arguments() -> list[tuple[Callable[..., Any], dict[str, Any]]]:
         (
             n.TrialSpec,
             dict.fromkeys(channels) | Outcome().model_dump()
-            | {"motion_position": n.Samples(samples)}
+            | {"motion_position": n.Samples(values=samples)}
             | {"start": n.SettledStart(**start), "log_every": 1, "contacts_every": 0},
         ),
         (n.Batch, {"threads": 1}),
@@ -175,6 +179,31 @@ def test_neither_masks_nor_shapes_are_lost_on_the_way_to_the_core(
                 function(**{**given, name: one})
 
 
+@pytest.mark.parametrize("known", arguments(), ids=lambda one: one[0].__name__)
+def test_the_core_refuses_arguments_by_position(
+    known: tuple[Callable[..., Any], dict[str, Any]],
+) -> None:
+    function, given = known
+    if len(given) == 1 and not isinstance(function, type):
+        return
+    for count in range(1, len(given) + 1):
+        names = list(given)
+        with pytest.raises(TypeError, match=r"incompatible (function|constructor) arguments"):
+            function(*map(given.get, names[:count]), **{k: given[k] for k in names[count:]})
+
+
+def test_nothing_of_the_core_takes_two_arguments_by_position() -> None:
+    tree = ast.parse(Path(_native.__file__).with_name("_native.pyi").read_text())
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef)]
+    assert len(functions) > 50
+    for function in functions:
+        given = [arg.arg for arg in function.args.args if arg.arg not in ("self", "cls")]
+        if function.name == "__init__":
+            assert not given, ast.unparse(function)
+        elif function.name != "combine":  # of a pair, in either order
+            assert len(given) <= 1, ast.unparse(function)
+
+
 def test_no_type_of_the_core_that_takes_numbers_or_arrays_is_left_out() -> None:
     known = {function for function, _ in arguments()}
     for name, kind in vars(_native).items():
@@ -198,16 +227,15 @@ def test_a_state_has_a_greatest_number_of_steps() -> None:
 
 @pytest.mark.parametrize("convert", [list, np.float32])
 def test_the_world_takes_arrays_of_float64_alone(convert: Callable[[Any], Any]) -> None:
-    world = _native.World(native_scene(build_scene(study())), _native.Drive.prescribed)
+    world = _native.World(scene=native_scene(build_scene(study())), drive=_native.Drive.prescribed)
     position, orientation = np.array([0.0, 0.0, 3.0]), np.array([0.0, 0.0, 0.0, 1.0])
-    for given in ((convert(position), orientation), (position, convert(orientation))):
-        with pytest.raises(TypeError):
-            world.spawn_rock(*given)
-    world.spawn_rock(position, orientation)
-    for given in ((convert(position), position), (position, convert(position))):
-        with pytest.raises(TypeError):
-            world.set_rock_velocity(*given)
-    world.set_rock_velocity(position, position)
+    pose = {"position": position, "orientation": orientation}
+    velocities = {"linear": position, "angular": position}
+    for function, given in ((world.spawn_rock, pose), (world.set_rock_velocity, velocities)):
+        for name, value in given.items():
+            with pytest.raises(TypeError, match=f"{name} must be an array of float64"):
+                function(**{**given, name: convert(value)})
+        function(**given)
 
 
 def entry(kind: int, times: int, *values: float) -> bytes:
@@ -242,7 +270,7 @@ def test_a_state_that_is_none_of_a_world_is_refused(content: Any) -> None:
 
 
 def test_errors_of_the_core_carry_a_code() -> None:
-    world = _native.World(native_scene(build_scene(study())), _native.Drive.prescribed)
+    world = _native.World(scene=native_scene(build_scene(study())), drive=_native.Drive.prescribed)
     with pytest.raises(_native.InvalidInput) as caught:
         world.delete_rock()
     assert caught.value.fault is _native.InputFault.no_rock
@@ -260,7 +288,7 @@ def test_samples_are_borrowed_and_given_back() -> None:
     owner.setflags(write=False)
     values = owner.view(Lent)
     gone = weakref.ref(values)
-    samples = _native.Samples(values)
+    samples = _native.Samples(values=values)
     del values
     assert gone() is not None
     del samples
@@ -276,15 +304,15 @@ def test_samples_are_lent_only_where_nobody_can_write_to_them() -> None:
         array.setflags(write=False)
     for array in (owner, view, buffer, mapped, shown, shown[2:], np.asarray(shown.data)):
         with pytest.raises(_native.InvalidInput, match="must be read-only"):
-            _native.Samples(array)
+            _native.Samples(values=array)
         kept = read_only(array)
         assert not np.shares_memory(kept, array)
-        _native.Samples(kept)
+        _native.Samples(values=kept)
     owner.setflags(write=False)
     lent = np.frombuffer(bytes(80))
     for array in (owner, view, lent, lent[2:], np.asarray(lent.data), np.asarray(owner.data)):
         assert read_only(array) is array
-        _native.Samples(array)
+        _native.Samples(values=array)
 
 
 def through_pickle(motion: Motion) -> Motion:
@@ -316,7 +344,23 @@ def test_a_motion_is_lent_without_a_copy(copied: Callable[[Motion], Motion]) -> 
     motion = copied(cosine_motion(0.1, 2.0, 1e-3))
     for array in (motion.displacement, motion.velocity):
         assert read_only(array) is array
-        _native.Samples(array)
+        _native.Samples(values=array)
+
+
+@pytest.mark.parametrize("table", ["state_columns", "contact_columns", "result_columns"])
+def test_every_column_has_a_unit_a_description_and_a_type(table: str) -> None:
+    columns: list[_native.Column] = getattr(_native, table)()
+    assert len({column.name for column in columns}) == len(columns)
+    for column in columns:
+        assert column.description
+        assert column.unit not in column.description.split()
+        assert not re.search(r"[\[\];]", column.description)
+        assert column.dtype in ("float64", "int64", "object")
+        assert bool(column.unit) == (column.dtype != "object"), column.name
+        if table == "result_columns":
+            assert hasattr(_native.TrialResult, column.name)
+        else:
+            assert column.dtype == "float64"
 
 
 def test_study_and_core_name_the_same_contact_parameters_in_the_same_units() -> None:

@@ -121,7 +121,9 @@ def test_a_journal_with_other_columns_are_refused_in_one_line(tmp_path: Path) ->
     newer = (
         "import sys\n"
         "from vsr2 import _native\n"
-        "columns = [*_native.result_columns(), ('peak_tilt_time', 's', 'of the peak tilt')]\n"
+        "added = _native.Column(name='peak_tilt_time', unit='s', description='of the peak tilt',\n"
+        "    missing='', dtype='float64')\n"
+        "columns = [*_native.result_columns(), added]\n"
         "_native.result_columns = lambda: columns\n"
         "_native.TrialResult.peak_tilt_time = 0.0\n"
         "from vsr2.cli.main import main\n"

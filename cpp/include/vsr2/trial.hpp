@@ -80,29 +80,56 @@ struct TrialSpec {
   std::int64_t contacts_every = 0;            ///< [time steps]; 0: none
 };
 
-/// A column of a log, for whoever reads it.
+/// A column of a table, for whoever reads it.
 struct Column {
   const char* name;
-  const char* unit;
+  const char* unit;         ///< "1": a number without one; empty: no number
+  const char* description;  ///< without the unit
 };
 /// Columns of a state log row, the time first; the orientation is of the body frame B.
 inline constexpr std::array<Column, 18> kStateLog{{
-    {"time", "s"}, {"commanded_position", "m"}, {"commanded_velocity", "m/s"},
-    {"pedestal_position", "m"}, {"pedestal_velocity", "m/s"},
-    {"rock_x", "m"}, {"rock_y", "m"}, {"rock_z", "m"},
-    {"rock_qx", "1"}, {"rock_qy", "1"}, {"rock_qz", "1"}, {"rock_qw", "1"},
-    {"rock_vx", "m/s"}, {"rock_vy", "m/s"}, {"rock_vz", "m/s"},
-    {"rock_wx", "rad/s"}, {"rock_wy", "rad/s"}, {"rock_wz", "rad/s"},
+    {"time", "s", "time from the start of the motion"},
+    {"commanded_position", "m", "set-point of the pedestal's position along x"},
+    {"commanded_velocity", "m/s", "set-point of the pedestal's velocity along x"},
+    {"pedestal_position", "m", "position of the pedestal along x"},
+    {"pedestal_velocity", "m/s", "velocity of the pedestal along x"},
+    {"rock_x", "m", "mass centre along x"},
+    {"rock_y", "m", "mass centre along y"},
+    {"rock_z", "m", "mass centre along z"},
+    {"rock_qx", "1", "orientation of the body frame, quaternion's x"},
+    {"rock_qy", "1", "orientation of the body frame, quaternion's y"},
+    {"rock_qz", "1", "orientation of the body frame, quaternion's z"},
+    {"rock_qw", "1", "orientation of the body frame, quaternion's w"},
+    {"rock_vx", "m/s", "velocity of the mass centre along x"},
+    {"rock_vy", "m/s", "velocity of the mass centre along y"},
+    {"rock_vz", "m/s", "velocity of the mass centre along z"},
+    {"rock_wx", "rad/s", "angular velocity about x"},
+    {"rock_wy", "rad/s", "angular velocity about y"},
+    {"rock_wz", "rad/s", "angular velocity about z"},
 }};
 /// One row a contact point. The normal points from pedestal to rock, a negative distance is
 /// penetration, impulses are over one solver step.
 inline constexpr std::array<Column, 20> kContactLog{{
-    {"time", "s"}, {"rock_point_x", "m"}, {"rock_point_y", "m"}, {"rock_point_z", "m"},
-    {"pedestal_point_x", "m"}, {"pedestal_point_y", "m"}, {"pedestal_point_z", "m"},
-    {"normal_x", "1"}, {"normal_y", "1"}, {"normal_z", "1"}, {"distance", "m"},
-    {"normal_impulse", "N s"}, {"lateral_impulse_1", "N s"}, {"lateral_impulse_2", "N s"},
-    {"lateral_direction_1_x", "1"}, {"lateral_direction_1_y", "1"}, {"lateral_direction_1_z", "1"},
-    {"lateral_direction_2_x", "1"}, {"lateral_direction_2_y", "1"}, {"lateral_direction_2_z", "1"},
+    {"time", "s", "time from the start of the motion"},
+    {"rock_point_x", "m", "point of the rock along x"},
+    {"rock_point_y", "m", "point of the rock along y"},
+    {"rock_point_z", "m", "point of the rock along z"},
+    {"pedestal_point_x", "m", "point of the pedestal along x"},
+    {"pedestal_point_y", "m", "point of the pedestal along y"},
+    {"pedestal_point_z", "m", "point of the pedestal along z"},
+    {"normal_x", "1", "normal from the pedestal to the rock, x"},
+    {"normal_y", "1", "normal from the pedestal to the rock, y"},
+    {"normal_z", "1", "normal from the pedestal to the rock, z"},
+    {"distance", "m", "distance of the points along the normal, negative where they penetrate"},
+    {"normal_impulse", "N s", "impulse along the normal over one solver step"},
+    {"lateral_impulse_1", "N s", "impulse along the first lateral direction over one solver step"},
+    {"lateral_impulse_2", "N s", "impulse along the second lateral direction over one solver step"},
+    {"lateral_direction_1_x", "1", "first lateral direction, x"},
+    {"lateral_direction_1_y", "1", "first lateral direction, y"},
+    {"lateral_direction_1_z", "1", "first lateral direction, z"},
+    {"lateral_direction_2_x", "1", "second lateral direction, x"},
+    {"lateral_direction_2_y", "1", "second lateral direction, y"},
+    {"lateral_direction_2_z", "1", "second lateral direction, z"},
 }};
 inline constexpr int kTime = 0;
 inline constexpr int kLogColumns = kStateLog.size();

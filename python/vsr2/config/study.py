@@ -10,7 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from os import PathLike
-from typing import TYPE_CHECKING, Annotated, Any, Literal, Self
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import (
     Field,
@@ -20,7 +20,7 @@ from pydantic import (
     model_validator,
 )
 
-from vsr2._native import EngineKind
+from vsr2._native import EngineMode as EngineMode
 from vsr2.config import sources as of
 from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, MotionSource, shortest_period
 from vsr2.config.section import (
@@ -43,11 +43,6 @@ from vsr2.config.study_effects import Effects
 
 MAX_SWEEPS_A_STEP = 1_000_000
 """Most solver sweeps of one time step: some tenths of a second."""
-if TYPE_CHECKING:
-    EngineMode = str
-else:
-    EngineMode = Literal[tuple(EngineKind.__members__)]
-    """The engines of the core, which lists them."""
 InertiaRule = Literal["file", "mesh", "aabb"]
 """Where mass and inertia of a URDF come from."""
 

@@ -19,16 +19,15 @@ if TYPE_CHECKING:
     import pandas
     import xarray
 
-_UNITS = tuple(unit for _, unit in _native.state_columns())
-"""Of the columns of `TrialLog.state`."""
-_LOGGED: dict[str, str] = {
-    "time": "time from the start of the motion",
-    "commanded_position": "set-point of the pedestal's position along x",
-    "commanded_velocity": "set-point of the pedestal's velocity along x",
-    "pedestal_position": "position of the pedestal along x",
-    "pedestal_velocity": "velocity of the pedestal along x",
-}
-"""Meaning of columns of the log; `time` is a coordinate."""
+_STATE = {one.name: one for one in _native.state_columns()}
+_LOGGED = (
+    "time",
+    "commanded_position",
+    "commanded_velocity",
+    "pedestal_position",
+    "pedestal_velocity",
+)
+"""Columns of the log; `time` is a coordinate."""
 _LOGGED_VECTORS: dict[str, tuple[slice, str]] = {
     "position": (POSITION, "mass centre in the world"),
     "velocity": (VELOCITY, "velocity of the mass centre"),
@@ -88,12 +87,12 @@ def _series(result: BatchResult) -> dict[str, Any]:
     """Variables of the logs, by name: dimensions, values, attributes."""
     steps = ("trial", "step")
     series: dict[str, Any] = {}
-    for name, meaning in _LOGGED.items():
-        about = {"units": _UNITS[STATE_COLUMNS.index(name)], "long_name": meaning}
+    for name in _LOGGED:
+        about = {"units": _STATE[name].unit, "long_name": _STATE[name].description}
         series[name] = (steps, result.stack(name), about)
     state = result.stack("state")
     for name, (part, meaning) in _LOGGED_VECTORS.items():
-        about = {"units": _UNITS[part.start], "long_name": meaning}
+        about = {"units": _STATE[STATE_COLUMNS[part.start]].unit, "long_name": meaning}
         series[name] = ((*steps, "axis"), state[:, :, part], about)
     for name, (dimensions, unit, meaning) in _DERIVED.items():
         about = {"units": unit, "long_name": meaning}

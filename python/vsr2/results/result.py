@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
-from vsr2._native import EngineKind
+from vsr2._native import Column, EngineKind
 from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
 from vsr2.argument_names import checked_names
@@ -45,19 +45,43 @@ ENGINES: tuple[str, ...] = tuple(
 NO_HAND_OVER: str = _native.HandOver.none.name
 """The column `hand_over` of a trial that the engine it began with ran to its end."""
 
-FLOAT_COLUMNS: tuple[str, ...] = tuple(name for name, _, _ in _native.result_columns())
+_RESULTS = {column.name: column for column in _native.result_columns()}
+
+FLOAT_COLUMNS: tuple[str, ...] = tuple(
+    name for name, column in _RESULTS.items() if column.dtype == "float64"
+)
 """Numbers that the core gives for a trial; NaN where a trial has no such value."""
 
-_TEXT_RESULTS = ("status", "outcome", "message", "engine", "hand_over")
-_INTEGER_RESULTS = ("steps",)
-
-RESULT_COLUMNS = (*FLOAT_COLUMNS, *_TEXT_RESULTS, *_INTEGER_RESULTS)
+RESULT_COLUMNS: tuple[str, ...] = tuple(_RESULTS)
 """Columns of `BatchResult.trials` that running a trial fills."""
 
-TEXT_COLUMNS = ("name", "motion", "motion_sha256", *_TEXT_RESULTS)
+
+def _columns() -> Iterator[Column]:
+    """The columns of `BatchResult.trials`: of what a trial was given, and of what became of it."""
+
+    def given(name: str, unit: str, dtype: str, description: str) -> Column:
+        return Column(name=name, unit=unit, description=description, missing="", dtype=dtype)
+
+    yield given("trial", "", "int64", "index of the trial")
+    yield given("name", "", "object", "name of the trial")
+    yield given("motion", "", "object", "name of the motion")
+    yield given("motion_sha256", "", "object", "hash of what was driven")
+    yield given("seed", "", "int64", "seed of the trial's perturbation")
+    results = dict(_RESULTS)
+    yield results.pop("status")
+    yield results.pop("outcome")
+    yield given("pga_g", "g", "float64", "PGA of the driven motion")
+    yield given("pgv", "m/s", "float64", "PGV of the driven motion")
+    yield given("pgv_pga", "s", "float64", "PGV/PGA of the driven motion")
+    yield from results.values()
+
+
+_TRIAL_COLUMNS = tuple(_columns())
+
+TEXT_COLUMNS: tuple[str, ...] = tuple(one.name for one in _TRIAL_COLUMNS if one.dtype == "object")
 """Columns of `BatchResult.trials` that hold text."""
 
-INTEGER_COLUMNS = ("trial", "seed", *_INTEGER_RESULTS)
+INTEGER_COLUMNS: tuple[str, ...] = tuple(one.name for one in _TRIAL_COLUMNS if one.dtype == "int64")
 """Columns of `BatchResult.trials` that hold whole numbers; those left are floats, NaN where a
 trial has no such value."""
 
@@ -75,28 +99,10 @@ class TrialColumn(NamedTuple):
 
 
 TRIAL_COLUMNS: dict[str, TrialColumn] = {
-    name: TrialColumn(unit, meaning or name.replace("_", " "))
-    for name, unit, meaning in (
-        ("trial", "", "index of the trial"),
-        ("name", "", "name of the trial"),
-        ("motion", "", "name of the motion"),
-        ("motion_sha256", "", "hash of what was driven"),
-        ("seed", "", "seed of the trial's perturbation"),
-        ("status", "", ", ".join(STATUSES)),
-        ("outcome", "", ", ".join(OUTCOMES)),
-        ("pga_g", "g", "PGA of the driven motion"),
-        ("pgv", "m/s", "PGV of the driven motion"),
-        ("pgv_pga", "s", "PGV/PGA of the driven motion"),
-        *_native.result_columns(),
-        ("steps", "1", "time steps that were taken, the trial's own settling included"),
-        ("engine", "", f"engine that it began with: {', '.join(ENGINES)}; empty: none ran"),
-        (
-            "hand_over",
-            "",
-            "why `fast` went on with `exact`: " + ", ".join(_native.HandOver.__members__),
-        ),
-        ("message", "", "of the exception that ended a trial of status `error`; else empty"),
+    one.name: TrialColumn(
+        one.unit, one.description + (f"; empty: {one.missing}" if one.missing else "")
     )
+    for one in _TRIAL_COLUMNS
 }
 """Columns of `BatchResult.trials`, with their unit and meaning."""
 

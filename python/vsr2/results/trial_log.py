@@ -17,11 +17,11 @@ from vsr2.scene.rotation import conjugate, quaternion_product, rotate
 
 Array = NDArray[np.float64]
 
-STATE_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.state_columns())
+STATE_COLUMNS: tuple[str, ...] = tuple(one.name for one in _native.state_columns())
 """Columns of `TrialLog.state`; their units: `_native.state_columns()`. The orientation is of the
 body frame B."""
 
-CONTACT_COLUMNS: tuple[str, ...] = tuple(name for name, _ in _native.contact_columns())
+CONTACT_COLUMNS: tuple[str, ...] = tuple(one.name for one in _native.contact_columns())
 """Columns of `TrialLog.contacts`; their units: `_native.contact_columns()`.
 
 The normal points from the pedestal to the rock, a negative distance is penetration, impulses are

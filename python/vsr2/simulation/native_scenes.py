@@ -103,11 +103,11 @@ def _native_parts(parts: Sequence[Hull | Box | Triangles]) -> list[Any]:
     for part in parts:
         match part:
             case Hull():
-                out.append(_native.HullPart(part.points))
+                out.append(_native.HullPart(points=part.points))
             case Box():
                 out.append(_box(part))
             case Triangles():
-                out.append(_native.TrianglesPart(part.vertices, part.faces))
+                out.append(_native.TrianglesPart(vertices=part.vertices, faces=part.faces))
     return out
 
 

@@ -97,7 +97,7 @@ def run_native(
     """
     # Equal starts settle once; those not used for a while go, so memory does not grow.
     settled_start = lru_cache(QUEUE.starts)(_settled_start)
-    native = _native.Batch(threads)
+    native = _native.Batch(threads=threads)
     # Specifications are kept: who lets go of a motion last needs the interpreter's lock, for which
     # a thread of the core would wait while trials are made.
     under_way: dict[int, tuple[Trial, _native.TrialSpec, float]] = {}
@@ -134,10 +134,10 @@ def run_native(
 def _lent(motion: Motion) -> dict[str, Any]:
     """A motion's channels as the core borrows them: their memory is not copied."""
     return {
-        "motion_position": _native.Samples(motion.displacement),
-        "motion_velocity": _native.Samples(motion.velocity),
+        "motion_position": _native.Samples(values=motion.displacement),
+        "motion_velocity": _native.Samples(values=motion.velocity),
     } | {
-        name: None if side is None else _native.Samples(side.displacement)
+        name: None if side is None else _native.Samples(values=side.displacement)
         for name, side in motion.sides.items()
     }
 

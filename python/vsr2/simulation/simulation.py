@@ -135,7 +135,9 @@ class Simulation(OneLine):
     def _begin(self, start: Pose | None) -> None:
         """A fresh world at time 0, with the rock at a pose or without one."""
         with refusals(f"drive {self.drive!r}"):
-            self._held: _native.World | None = _native.World(native_scene(self.scene), self._drive)
+            self._held: _native.World | None = _native.World(
+                scene=native_scene(self.scene), drive=self._drive
+            )
         self._steps = 0
         self._command = (0.0, 0.0)
         if start is not None:
@@ -193,7 +195,9 @@ class Simulation(OneLine):
         pose = start or self.scene.rock.start
         body = self.scene.body_pose(pose)
         with refusals("spawn"):
-            self._world.spawn_rock(np.asarray(body.position), np.asarray(body.orientation))
+            self._world.spawn_rock(
+                position=np.asarray(body.position), orientation=np.asarray(body.orientation)
+            )
         self._start = pose
 
     def delete(self) -> None:
@@ -284,8 +288,8 @@ class Simulation(OneLine):
                 f"step: the set-point {given} is not of finite numbers, or beyond "
                 f"{MAX_SET_POINT:g} m or m/s; give numbers in m, m/s and rad"
             )
-        position, velocity, *excursion = map(float, given)
-        if any(excursion) and self.drive != "prescribed_spatial":
+        position, velocity, transverse, vertical, pitch = map(float, given)
+        if (transverse or vertical or pitch) and self.drive != "prescribed_spatial":
             raise SimulationError(
                 f"step: the drive {self.drive} moves the pedestal along x only; use "
                 "prescribed_spatial"
@@ -297,7 +301,13 @@ class Simulation(OneLine):
         if not isinstance(steps, Integral) or isinstance(steps, bool) or steps < 1:
             raise SimulationError(f"step: steps must be a whole number of 1 or more, got {steps!r}")
         for _ in range(steps):
-            world.step(position, velocity, *excursion)
+            world.step(
+                position=position,
+                velocity=velocity,
+                transverse=transverse,
+                vertical=vertical,
+                pitch=pitch,
+            )
         self._steps += int(steps)
         self._command = (position, velocity)
         if not self.has_rock:
@@ -335,15 +345,18 @@ class Simulation(OneLine):
             SimulationError: there is no rock, or the values are not three finite real numbers each.
         """
         try:
-            velocities = [real_array(values) for values in (linear, angular)]
+            velocities = {
+                name: real_array(values)
+                for name, values in (("linear", linear), ("angular", angular))
+            }
         except TypeError as error:
             raise SimulationError(f"set_rock_velocity: a velocity {error}") from None
-        if any(v.shape != (3,) or not np.isfinite(v).all() for v in velocities):
+        if any(v.shape != (3,) or not np.isfinite(v).all() for v in velocities.values()):
             raise SimulationError(
                 f"set_rock_velocity: needs three finite numbers each, got {linear} and {angular}"
             )
         with refusals("set_rock_velocity"):
-            self._world.set_rock_velocity(*velocities)
+            self._world.set_rock_velocity(**velocities)
 
     @property
     def pedestal(self) -> tuple[float, float]:
