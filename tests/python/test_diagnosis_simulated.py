@@ -187,7 +187,18 @@ def test_sizes_are_log_uniform_in_detection_limits() -> None:
     rng = np.random.default_rng(0)
     gains = [draw_acting(FOUR, "table_gain", LIMITS, rng) for _ in range(2000)]
     for side, most in ((-1, SET_PRIOR.most), (1, 2.0)):
-        log = np.log([one.size for one in gains if one.side == side])
+        sizes = np.array([one.size for one in gains if one.side == side])
+        end = 1 / LIMITS["table_gain", side].share
+        beyond = sizes > most * (1 + 1e-9)
+        if end > most:
+            # Some of a thousand, log-uniform as well, to the end of the range.
+            assert beyond.mean() == pytest.approx(SET_PRIOR.beyond, abs=0.04)
+            middle = np.sqrt(most * end)
+            assert np.median(sizes[beyond]) == pytest.approx(middle, rel=0.25)
+            assert sizes.max() <= end * (1 + 1e-9)
+        else:
+            assert not beyond.any()
+        log = np.log(sizes[~beyond])
         low, high = np.log(SET_PRIOR.least), np.log(most)
         assert log.min() >= low - 1e-9
         assert log.max() <= high + 1e-9, "or the end of the range, where that comes first"

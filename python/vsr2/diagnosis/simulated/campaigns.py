@@ -34,6 +34,8 @@ class SetPrior:
         one_of_several: share of campaigns with one effect, where more may act; more effects are as
             frequent as two.
         least, most: ends of the size of an effect, log-uniform, in detection limits.
+        beyond: share of draws whose size lies beyond these, log-uniform to the prior's end, so that
+            the largest are known, too.
         least_share: of an effect's range, where it jumps beside its null.
         alone: probability that a primary parameter beside another stays at its null.
         prior_share: of an effect's draws in which parameters whose full range counts come from
@@ -45,6 +47,7 @@ class SetPrior:
     one_of_several: float = 0.2
     least: float = 0.4
     most: float = 16.0
+    beyond: float = 0.2
     least_share: float = 1 / 256
     alone: float = 0.35
     prior_share: float = 0.5
@@ -145,8 +148,9 @@ def draw_acting(
 ) -> Acting:
     """An effect on either side of its null, at a size that is log-uniform in detection limits.
 
-    Parameters whose full range counts (`Parameter.full_range`) come from their prior as it stands
-    in half of the draws. The size is then that of the parameter farthest from its null.
+    Some draws are larger, up to the prior's end: see `SET_PRIOR.beyond`. Parameters whose full range
+    counts (`Parameter.full_range`) come from their prior as it stands in half of the draws instead.
+    The size is then that of the parameter farthest from its null.
     """
     effect = library[name]
     reached = [s for s in sides(effect) if limits[name, s].share * SET_PRIOR.least <= 1]
@@ -165,6 +169,8 @@ def draw_acting(
     full = np.array([parameter.full_range for parameter in primary])
     if full.any() and rng.random() < SET_PRIOR.prior_share:
         shares[full] = rng.random(int(full.sum()))
+    elif not full.any() and high < 1 and rng.random() < SET_PRIOR.beyond:
+        shares *= float(np.exp(rng.uniform(np.log(high), 0.0))) / share
     values = values_at(effect, side, shares.tolist(), secondary)
     return Acting(name, side, float(shares.max()) / limit.share, values)
 
