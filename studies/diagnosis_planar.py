@@ -233,7 +233,9 @@ def write(path: Path, rows: list[Row]) -> None:
             writer.writerow({k: f"{v:.4g}" if isinstance(v, float) else v for k, v in row.items()})
 
 
-def outcome_signal(truth: SimulationCache, acting: Sequence[Acting], trials: Array) -> float:
+def outcome_signal(
+    truth: SimulationCache, acting: Sequence[Acting], trials: NDArray[np.int64]
+) -> float:
     """How far an effect moves the probabilities of overturning, in their standard deviations.
 
     What nuisances share between trials is left out, so that it is a little too large.
@@ -241,7 +243,8 @@ def outcome_signal(truth: SimulationCache, acting: Sequence[Acting], trials: Arr
 
     def probability(effects: Effects) -> Array:
         requests = [Request(int(i), effects, m, 1) for m in SIGNAL_DRAWS for i in trials]
-        return np.nanmean(truth.run(requests).overturned.reshape(-1, len(trials)), axis=0)
+        overturned = truth.run(requests).overturned.reshape(-1, len(trials))
+        return np.asarray(np.nanmean(overturned, axis=0))
 
     plain, moved = probability(()), probability(tuple((one.name, one.values) for one in acting))
     variance = plain * (1 - plain) + SUMMARY.chance

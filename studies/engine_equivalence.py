@@ -49,7 +49,7 @@ import math
 import os
 import platform
 import time
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -205,7 +205,9 @@ def borderline(scene: Scene, base: Pose, seed: int, threads: int | None) -> floa
     return factor if 0.15 <= fraction <= 0.85 else None
 
 
-def first_steps(scenes: dict[str, Scene], base: Pose, motion: Motion) -> tuple[float, float]:
+def first_steps(
+    scenes: Mapping[EngineMode, Scene], base: Pose, motion: Motion
+) -> tuple[float, float]:
     """Greatest distance of mass centres in the first 1000 steps [m]: engines, moved start."""
     short = Motion(
         "first",
@@ -264,7 +266,9 @@ def row_of(
     return row
 
 
-def verdicts(rows: list[dict[str, str]], tilts: list[np.ndarray], cpu: dict[str, float]) -> str:
+def verdicts(
+    rows: list[dict[str, str]], tilts: list[np.ndarray], cpu: Mapping[EngineMode, float]
+) -> str:
     """What the table shows."""
     n = int(rows[0]["replicates"])
     exact, paired, fast = (np.array([float(r[f"overturned_{e}"]) for r in rows]) for e in RUNS)
