@@ -46,13 +46,14 @@ UNTUNED: dict[str, set[str]] = {
     "guard against rounding": {
         "campaign/campaign.py:NORM_TOLERANCE", "diagnosis/posterior/network.py:FORBIDDEN",
         "effects/rounding.py:_SAME", "effects/support.py:_UPRIGHT", "effects/underside.py:_LEVEL",
-        "motion/motion.py:START_TOLERANCE", "motion/two_components.py:SAME_INTERVAL",
+        "motion/motion.py:START_TOLERANCE", "motion/sample_spline.py:SETTLED", "motion/two_components.py:SAME_INTERVAL",
         "scene/mass.py:DIAGONAL_TOLERANCE", "scene/mass.py:EQUAL_MOMENTS",
         "scene/mass.py:TRIANGLE_TOLERANCE", "scene/rotation.py:UNIT_TOLERANCE",
     },
     "memory or progress: no result depends on it": {
         "campaign/file_problems.py:_LISTED", "diagnosis/posterior_check.py:CHUNK",
         "diagnosis/simulated/cache.py:CHUNK", "fragility/fit.py:_CHUNK",
+        "motion/sample_spline.py:BLOCK",
         "results/batch_table.py:_BLOCK", "scene/placement.py:_PAIRS",
         "simulation/batch.py:_ROW_BYTES", "simulation/estimate.py:CELL_BYTES",
     },

@@ -7,7 +7,6 @@ import weakref
 from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Literal
 
 import numpy as np
 import pytest
@@ -30,11 +29,10 @@ from vsr2.effects import (
     with_effect,
     with_effects,
 )
-from vsr2.effects.geometry import box_with_margin
 from vsr2.errors import ConfigError, GeometryError, MotionError, SimulationError
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import prepare_folder
-from vsr2.scene import Box, Hull, Pose
+from vsr2.scene import Pose
 from vsr2.scene.rotation import IDENTITY
 from vsr2.simulation import plan_sha256, study_trials
 from vsr2.simulation.bench import EffectBench
@@ -417,55 +415,6 @@ def test_a_scan_on_a_soft_contact_comes_to_rest(decades: float) -> None:
     assert soft[0].settling.angular_speed == pytest.approx(2e-3 * 10 ** (-decades / 3))
     hard = apply_effects(trials[:1], {"contact_stiffness": {"decades": 1.0}})
     assert hard[0].settling == trials[0].settling
-
-
-@pytest.mark.parametrize("mode", ["exact", "fast"])
-@pytest.mark.parametrize(
-    ("name", "parameter"), [("edge_rounding", "radius"), ("base_asperity", "height")]
-)
-def test_small_roundings_and_bumps_stand_on_the_base_of_the_box(
-    name: str, parameter: str, mode: Literal["exact", "fast"]
-) -> None:
-    # The engine's margin around a hull must not narrow the base: 1 mm would be 0.5 %. On bumps the
-    # block first tips by height over the distance of tip and edge.
-    bench = EffectBench(mode)
-    block = bench.block()
-    threshold = block.scene.engine.gravity * 0.2 / 0.6
-    tipped = [
-        float(
-            bench.run(
-                replace(block, motion=bench.push(share * threshold)),
-                effect(name), {parameter: 1e-5},
-            ).tilt[:700].max()
-        )
-        for share in (0.65, 0.997, 1.006)
-    ]  # fmt: skip
-    assert tipped[0] < 1e-4
-    assert tipped[2] > 3e-3
-    if name == "edge_rounding":
-        assert tipped[1] < 1e-4
-
-
-def test_a_rounding_is_continuous_at_the_margin() -> None:
-    block = EffectBench().block()
-    margin = block.scene.engine.collision_margin
-    below, above = (
-        effect("edge_rounding").change(block, {"radius": margin * share}).scene.rock.parts[0]
-        for share in (1 - 1e-9, 1)
-    )
-    assert isinstance(below, Hull)
-    assert isinstance(above, Hull)
-    for point in above.points:
-        assert np.linalg.norm(below.points - point, axis=1).min() < 1e-9
-
-
-def test_a_rounding_below_the_margin_narrows_the_base_of_a_box_on_its_side() -> None:
-    box = Box(size=(1.2, 0.6, 0.4), center=(0.0, 0.1, 0.0))
-    block = EffectBench().block()
-    half = math.sqrt(0.5)
-    lying = replace(block, start=Pose(block.start_pose.position, (0.0, half, 0.0, half)))
-    points = box_with_margin(box, lying, 4e-4)
-    assert np.ptp(points, axis=0) == pytest.approx([1.198, 0.5992, 0.3992])
 
 
 @pytest.mark.parametrize(

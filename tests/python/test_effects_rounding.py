@@ -2,14 +2,21 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+from typing import Literal
+
 import numpy as np
 import pytest
 from scipy.spatial import ConvexHull
 
+from vsr2.effects import effect
+from vsr2.effects.geometry import box_with_margin
 from vsr2.effects.rounding import rounded_hull
 from vsr2.errors import GeometryError
-from vsr2.scene import Box
+from vsr2.scene import Box, Hull
 from vsr2.scene.shapes import box_corners
+from vsr2.simulation.bench import EffectBench
 
 CORNERS = box_corners(Box(size=(0.4, 0.6, 1.2)))
 DOWN = np.array([0.0, 0.0, -1.0])
@@ -67,3 +74,55 @@ def test_the_engine_s_margin_completes_the_ball() -> None:
 def test_a_ball_that_does_not_fit_is_refused() -> None:
     with pytest.raises(GeometryError, match="does not fit"):
         rounded_hull(CORNERS, 0.25, DOWN)
+
+
+# --- as the effect of a trial --------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("mode", ["exact", "fast"])
+@pytest.mark.parametrize(
+    ("name", "parameter"), [("edge_rounding", "radius"), ("base_asperity", "height")]
+)
+def test_small_roundings_and_bumps_stand_on_the_base_of_the_box(
+    name: str, parameter: str, mode: Literal["exact", "fast"]
+) -> None:
+    # The engine's margin around a hull must not narrow the base: 1 mm would be 0.5 %. On bumps the
+    # block first tips by height over the distance of tip and edge.
+    bench = EffectBench(mode)
+    block = bench.block()
+    threshold = block.scene.engine.gravity * 0.2 / 0.6
+    tipped = [
+        float(
+            bench.run(
+                replace(block, motion=bench.push(share * threshold)),
+                effect(name), {parameter: 1e-5},
+            ).tilt[:700].max()
+        )
+        for share in (0.65, 0.997, 1.006)
+    ]  # fmt: skip
+    assert tipped[0] < 1e-4
+    assert tipped[2] > 3e-3
+    if name == "edge_rounding":
+        assert tipped[1] < 1e-4
+
+
+def test_a_rounding_is_continuous_at_the_margin() -> None:
+    block = EffectBench().block()
+    margin = block.scene.engine.collision_margin
+    below, above = (
+        effect("edge_rounding").change(block, {"radius": margin * share}).scene.rock.parts[0]
+        for share in (1 - 1e-9, 1)
+    )
+    assert isinstance(below, Hull)
+    assert isinstance(above, Hull)
+    for point in above.points:
+        assert np.linalg.norm(below.points - point, axis=1).min() < 1e-9
+
+
+def test_a_rounding_below_the_margin_narrows_the_base_of_a_box_on_its_side() -> None:
+    box = Box(size=(1.2, 0.6, 0.4), center=(0.0, 0.1, 0.0))
+    block = EffectBench().block()
+    half = math.sqrt(0.5)
+    lying = replace(block, start=Pose(block.start_pose.position, (0.0, half, 0.0, half)))
+    points = box_with_margin(box, lying, 4e-4)
+    assert np.ptp(points, axis=0) == pytest.approx([1.198, 0.5992, 0.3992])
