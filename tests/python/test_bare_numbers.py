@@ -46,7 +46,8 @@ UNTUNED: dict[str, set[str]] = {
     "guard against rounding": {
         "campaign/campaign.py:NORM_TOLERANCE", "diagnosis/posterior/network.py:FORBIDDEN",
         "effects/rounding.py:_SAME", "effects/support.py:_UPRIGHT", "effects/underside.py:_LEVEL",
-        "motion/motion.py:START_TOLERANCE", "motion/sample_spline.py:SETTLED", "motion/two_components.py:SAME_INTERVAL",
+        "motion/motion.py:START_TOLERANCE", "motion/sample_spline.py:SETTLED",
+        "motion/two_components.py:SAME_INTERVAL",
         "scene/mass.py:DIAGONAL_TOLERANCE", "scene/mass.py:EQUAL_MOMENTS",
         "scene/mass.py:TRIANGLE_TOLERANCE", "scene/rotation.py:UNIT_TOLERANCE",
     },

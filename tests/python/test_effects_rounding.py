@@ -14,7 +14,7 @@ from vsr2.effects import effect
 from vsr2.effects.geometry import box_with_margin
 from vsr2.effects.rounding import rounded_hull
 from vsr2.errors import GeometryError
-from vsr2.scene import Box, Hull
+from vsr2.scene import Box, Hull, Pose
 from vsr2.scene.shapes import box_corners
 from vsr2.simulation.bench import EffectBench
 
