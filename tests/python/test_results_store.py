@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import os
+import re
 import resource
 import signal
 import subprocess
@@ -33,7 +34,7 @@ from vsr2.results import store as store_module
 
 def journal_row(tilt):
     """What a batch records of a trial."""
-    row = dict.fromkeys(FLOAT_COLUMNS, float("nan"))
+    row = dict.fromkeys(FLOAT_COLUMNS, 0.0) | {"overturning_time": float("nan")}
     words = {"status": "ok", "outcome": "rocked", "message": "", "engine": "fast"}
     return {**row, "peak_tilt": tilt, **words, "hand_over": "none", "steps": 7}
 
@@ -261,54 +262,94 @@ def test_a_table_is_the_same_in_parts_of_any_size(block, monkeypatch) -> None:
     assert (len(whole), len(parts)) == (2, 1 - (-5 // block))
 
 
+ODD = {
+    Journalled: {
+        "trial": (True, 3, -1, 1.0, "1", None, 10**400, "1e400"),
+        "peak_tilt": (1, True, "0.1", None, [0.1], 10**400, "1e400", "NaN", "-Infinity"),
+        "overturning_time": ("Infinity", "1e400", "soon", 1),
+        "steps": (1.5, True, -1, 10**400, "1e400", "NaN"),
+        "outcome": ("bogus", "", 1),
+        "status": ("fine", None, True),
+        "engine": ("slow", ["fast"]),
+        "hand_over": ("bogus", {}),
+        "message": (1, None),
+        "log": (7, {}, {"bytes": "1", "sha256": ""}, {"bytes": True, "sha256": ""}),
+    },
+    Evaluated: {
+        "key": (1, None, True),
+        "plan": (1, ["p"]),
+        "predicted": ("1?x", "1", 1, True, None),
+        "seconds": (10**400, "1e400", "NaN", -1.0, 1, True, "1.5"),
+        "values": (1, None, [1.0]),
+        "values.p": (10**400, "1e400", "NaN", None, [1.0], {}),
+    },
+    Simulated: {
+        "keys": ("", "00", "no base 64", 1, None, True),
+        "responses": ("", "AAAA", 1, [], "AACAfwAAgH8AAIB/"),
+        "seconds": (10**400, "1e400", "NaN", -1.0, 1, True, "1.5"),
+    },
+}
+"""Values that no writer wrote, by key; words of numbers stand for what JSON reads as these."""
+BARE = ("1e400", "NaN", "Infinity", "-Infinity")
+
+
+def with_value(line, key, value):
+    """A record with another value; of `a.b` that of b within a."""
+    record = json.loads(line)
+    *outer, name = key.split(".")
+    inner = record[outer[0]] if outer else record
+    inner[name] = "BARE" if value in BARE else value
+    return json.dumps(record).replace('"BARE"', str(value)).encode() + b"\n"
+
+
 @pytest.mark.parametrize(
-    ("key", "value"),
+    ("kind", "key", "value"),
     [
-        *(("trial", odd) for odd in (True, 3, -1, 1.0, "1", None)),
-        *(("peak_tilt", odd) for odd in (1, True, "0.1", None, [0.1])),
-        ("peak_tilt", 10**400),
-        *(("steps", odd) for odd in (1.5, True, -1, 10**400)),
-        *(("outcome", odd) for odd in ("bogus", "", 1)),
-        *(("status", odd) for odd in ("fine", None)),
-        ("engine", "slow"),
-        ("hand_over", "bogus"),
-        ("message", 1),
-        *(("log", odd) for odd in (7, {}, {"bytes": "1", "sha256": ""})),
+        pytest.param(kind, key, value, id=f"{kind.__name__} {key} {value!r:.20}")
+        for kind, by_key in ODD.items()
+        for key, values in by_key.items()
+        for value in values
     ],
 )
-def test_a_row_that_no_trial_wrote_is_damage(key, value, tmp_path) -> None:
+def test_a_value_that_nothing_wrote_is_refused_by_its_name(kind, key, value, tmp_path) -> None:
+    one = kind(tmp_path)
+    with one.open:
+        one.add(0)
+    path = tmp_path / kind.file
+    header, line = path.read_bytes().splitlines()
+    path.write_bytes(header + b"\n" + with_value(line, key, value))
+    left = path.read_bytes()
+    with pytest.raises(ResultError) as refused:
+        kind(tmp_path)
+    said = str(refused.value)
+    assert re.match(rf"{re.escape(str(path))}:2: damaged \({re.escape(key)}", said), said
+    # What stands there, cut if it is long, what should, and what to do about it.
+    assert re.search(r" is .+, not .+\); (start again|remove it)", said) or "missing" in said, said
+    assert len(said) < len(str(path)) + 300
+    assert path.read_bytes() == left
+
+
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_record_without_a_key_is_refused_by_its_name(kind, tmp_path) -> None:
+    one = kind(tmp_path)
+    with one.open:
+        one.add(0)
+    path = tmp_path / kind.file
+    header, line = path.read_bytes().splitlines()
+    whole = json.loads(line)
+    for key in whole:
+        left = {name: value for name, value in whole.items() if name != key}
+        path.write_bytes(header + b"\n" + json.dumps(left).encode() + b"\n")
+        with pytest.raises(ResultError, match=rf":2: damaged \({key} is missing\); (start|remove)"):
+            kind(tmp_path)
+
+
+def test_a_trial_without_an_outcome_may_lack_numbers(tmp_path) -> None:
+    failed = journal_row(float("nan")) | {"status": "diverged", "outcome": "failed"}
     with Journal(tmp_path, "plan", 3) as journal:
-        journal.record(0, journal_row(1.0))
-    path = tmp_path / "journal.jsonl"
-    header, line = path.read_text().splitlines()
-    changed = json.loads(line) | {key: value}
-    path.write_text(f"{header}\n{json.dumps(changed)}\n")
-    with pytest.raises(ResultError, match=r"journal\.jsonl:2: damaged \(.*start again"):
-        Journal(tmp_path, "plan", 3)
-
-
-@pytest.mark.parametrize("key", ["trial", "peak_tilt", "outcome", "log"])
-def test_a_row_without_a_column_is_damage(key, tmp_path) -> None:
+        journal.record(0, failed)
     with Journal(tmp_path, "plan", 3) as journal:
-        journal.record(0, journal_row(1.0))
-    path = tmp_path / "journal.jsonl"
-    header, line = path.read_text().splitlines()
-    left = {name: value for name, value in json.loads(line).items() if name != key}
-    path.write_text(f"{header}\n{json.dumps(left)}\n")
-    with pytest.raises(ResultError, match="damaged"):
-        Journal(tmp_path, "plan", 3)
-
-
-def test_an_evaluation_with_a_number_of_400_digits_is_damage(tmp_path) -> None:
-    one = Evaluated(tmp_path)
-    one.add(0)
-    one.open.close()
-    path = tmp_path / "evaluations.jsonl"
-    header, line = path.read_text().splitlines()
-    changed = json.loads(line) | {"seconds": 10**400}
-    path.write_text(f"{header}\n{json.dumps(changed)}\n")
-    with pytest.raises(ResultError, match=r"evaluations\.jsonl:2: damaged"):
-        Evaluated(tmp_path)
+        assert np.isnan(journal.finished[0]["peak_tilt"])
 
 
 WRITER = """

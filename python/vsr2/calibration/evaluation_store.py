@@ -7,7 +7,6 @@ the same seed, and finds them here.
 from __future__ import annotations
 
 import hashlib
-import math
 import os
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +18,7 @@ from numpy.typing import NDArray
 
 from vsr2.analysis import overturning_probability
 from vsr2.config.extended import Plain
-from vsr2.results.store import Store, StoreKind
+from vsr2.results.store import Store, StoreKind, is_number, odd_value
 
 EVALUATIONS_FILE = "evaluations.jsonl"
 _KIND = StoreKind(
@@ -107,12 +106,23 @@ def _check_types(entry: dict[str, Any]) -> None:
         ValueError: a value of another type.
         KeyError: one is missing.
     """
-    kinds = {"key": str, "plan": str, "predicted": str, "seconds": float, "values": dict}
+    kinds = {"key": str, "plan": str, "predicted": str, "values": dict}
+    words = {str: "text", dict: "a mapping"}
     for name, kind in kinds.items():
         if type(entry[name]) is not kind:
-            raise ValueError(name)
-    if not math.isfinite(entry["seconds"]):
-        raise ValueError("seconds")
+            raise odd_value(name, entry[name], words[kind])
+    if not (is_number(entry["seconds"]) and entry["seconds"] >= 0):
+        raise odd_value("seconds", entry["seconds"], "a time")
+    for name, value in entry["values"].items():
+        if not _is_plain(value):
+            raise odd_value(f"values.{name}", value, "a value of a study")
+
+
+def _is_plain(value: object) -> bool:
+    """Whether it may be the value of a parameter."""
+    if isinstance(value, bool | str):
+        return True
+    return abs(value) < 2**63 if isinstance(value, int) else is_number(value)
 
 
 class EvaluationStore(Store):
@@ -138,7 +148,8 @@ class EvaluationStore(Store):
         _check_types(entry)
         codes = entry["predicted"]
         if len(codes) != self._trials or set(codes) - set(_CODES):
-            raise ValueError("predicted")
+            wanted = f"{self._trials} of the signs {_CODES}"
+            raise odd_value("predicted", codes, wanted)
         predicted = np.array([(0.0, 1.0, np.nan, np.nan)[_CODES.index(code)] for code in codes])
         known = np.array([code != "." for code in codes])
         plan, seconds = entry["plan"], entry["seconds"]

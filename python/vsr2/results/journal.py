@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import hashlib
 import json
+import math
 import os
 from collections.abc import Callable, Mapping
 from pathlib import Path
@@ -24,7 +25,7 @@ from vsr2.results.result import (
     RESULT_COLUMNS,
     STATUSES,
 )
-from vsr2.results.store import Store, StoreKind, Take, read_store
+from vsr2.results.store import Store, StoreKind, Take, is_number, odd_value, read_store
 
 JOURNAL_FILE = "journal.jsonl"
 _WORDS = {
@@ -34,6 +35,8 @@ _WORDS = {
     "hand_over": ("", *HandOver.__members__),
 }
 """What columns of text may hold."""
+_JUDGED = ("ok", "tail_timeout")
+"""States of trials that have an outcome, and all numbers of it."""
 _COLUMNS = hashlib.sha256(json.dumps(COLUMNS).encode()).hexdigest()[:8]
 _KIND = StoreKind(
     format="vsr2 journal",
@@ -92,7 +95,7 @@ def _taker(note: Note, trials: int) -> Take:
     def take(row: dict[str, Any]) -> None:
         trial = row["trial"]
         if type(trial) is not int or not 0 <= trial < trials:
-            raise ValueError(f"trial {trial!r}")
+            raise odd_value("trial", trial, f"an index from 0 to {trials - 1}")
         _check_row(row)
         note(trial, row)
 
@@ -103,24 +106,35 @@ def _check_row(row: dict[str, Any]) -> None:
     """Refuse a row that no trial wrote.
 
     Raises:
-        ValueError: a value of another type, or an unknown word.
+        ValueError: a value of another type or size, or an unknown word.
         KeyError: a column is missing.
     """
+    judged = row["status"] in _JUDGED
     for name in RESULT_COLUMNS:
         value = row[name]
         if name in FLOAT_COLUMNS:
-            good = type(value) is float
+            good, wanted = _is_measured(name, value, judged), "a number of a trial that ended so"
         elif name in INTEGER_COLUMNS:
-            good = type(value) is int and 0 <= value < 2**63
+            good, wanted = type(value) is int and 0 <= value < 2**63, "a count"
         else:
-            good = type(value) is str and value in _WORDS.get(name, (value,))
+            words = _WORDS.get(name)
+            good = type(value) is str and (words is None or value in words)
+            wanted = "text" if words is None else f"one of {', '.join(filter(None, words))}"
         if not good:
-            raise ValueError(f"{name} {str(value)[:60]!r}")
+            raise odd_value(name, value, wanted)
     log = row["log"]
     if log is not None and not (
-        isinstance(log, dict) and type(log["bytes"]) is int and type(log["sha256"]) is str
+        isinstance(log, dict) and type(log.get("bytes")) is int and type(log.get("sha256")) is str
     ):
-        raise ValueError("log")
+        raise odd_value("log", log, "length and hash of a log")
+
+
+def _is_measured(name: str, value: object, judged: bool) -> bool:
+    """Whether a trial may have this number: NaN stands for what it did not come to."""
+    if is_number(value):
+        return True
+    open_end = name == "overturning_time" or not judged
+    return open_end and type(value) is float and math.isnan(value)
 
 
 def read_journal(

@@ -11,12 +11,14 @@ from __future__ import annotations
 import errno
 import fcntl
 import json
+import math
 import os
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+from vsr2.config.problems import shown
 from vsr2.errors import ResultError
 
 MAX_BYTES = 2**32
@@ -153,6 +155,16 @@ def read_store(path: Path, kind: StoreKind, identity: Mapping[str, Any], take: T
     except OSError as error:
         raise ResultError(f"{path}: cannot be read ({error.strerror})") from error
     return end
+
+
+def odd_value(key: str, value: object, wanted: str) -> ValueError:
+    """That a value of a record is none that VSR2 wrote, for a store's `take`."""
+    return ValueError(f"{key} is {shown(value)}, not {wanted}")
+
+
+def is_number(value: object) -> bool:
+    """Whether a value of a record is a finite number with a point or an exponent."""
+    return isinstance(value, float) and math.isfinite(value)
 
 
 def _record(line: bytes) -> dict[str, Any]:

@@ -18,7 +18,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
 from vsr2.errors import ResultError
-from vsr2.results.store import Store, StoreKind
+from vsr2.results.store import Store, StoreKind, is_number, odd_value
 
 _logger = logging.getLogger(__name__)
 
@@ -79,13 +79,22 @@ class SimulationCache:
         self._store = None if path is None else Store(path, _KIND, {}, self._take)
 
     def _take(self, record: dict[str, Any]) -> None:
-        keys = b64decode(record["keys"], validate=True)
-        rows = np.frombuffer(b64decode(record["responses"], validate=True), dtype="<f4")
+        keys = _decoded(record, "keys")
+        responses = _decoded(record, "responses")
         count = len(keys) // KEY
-        if not count or len(keys) % KEY or rows.size % count or rows.size < 2 * count:
-            raise ValueError("keys or responses")
+        if not count or len(keys) % KEY:
+            raise odd_value("keys", record["keys"], f"keys of {KEY} bytes")
+        if len(responses) % (4 * count) or len(responses) < 8 * count:
+            wanted = f"equally many numbers for each of {count} keys"
+            raise odd_value("responses", record["responses"], wanted)
+        rows = np.frombuffer(responses, dtype="<f4")
+        if np.isinf(rows).any():
+            raise odd_value("responses", record["responses"], "finite numbers")
+        seconds = record["seconds"]
+        if not (is_number(seconds) and seconds >= 0):
+            raise odd_value("seconds", seconds, "a time")
         self._tables.append(rows.reshape(count, -1))
-        self._seconds += float(record["seconds"])
+        self._seconds += seconds
         for i in range(count):
             self._place[keys[KEY * i : KEY * (i + 1)]] = (len(self._tables) - 1, i)
 
@@ -180,6 +189,14 @@ class SimulationCache:
             effect = self.simulator.library.get(name)
             self._codes[name] = "" if effect is None else own_code(type(effect))
         return self._codes[name]
+
+
+def _decoded(record: dict[str, Any], name: str) -> bytes:
+    text = record[name]
+    try:
+        return b64decode(text, validate=True)
+    except (TypeError, ValueError):
+        raise odd_value(name, text, "text in base 64") from None
 
 
 def own_code(kind: type) -> str:
