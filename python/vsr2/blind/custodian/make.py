@@ -24,12 +24,14 @@ from vsr2.blind.custodian.design import (
 )
 from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.custodian.engine import Engine, build_engine
-from vsr2.blind.custodian.measurements import Measurements, Steps, read_back
+from vsr2.blind.custodian.measurements import Measurements
 from vsr2.blind.custodian.pack_constants import pack_constants
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
+from vsr2.blind.custodian.steps import ENTRY, State, Steps, numbers, read_back
 from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.pack_form import EffectAxis, tiers_made
 from vsr2.blind.form.pack_settings import Kind, PackSettings
+from vsr2.blind.form.reader import parsed
 from vsr2.blind.form.seal import (
     KEY_FILE,
     KEY_SCHEMA,
@@ -143,7 +145,7 @@ def make_pack(
             overturning_acceleration(engines[settings.engines[0]], motion) for motion in motions
         ]
 
-    thresholds = steps.once("overturning_acceleration", amplitudes)
+    thresholds = steps.once("overturning_acceleration", amplitudes, numbers(len(motions)))
     protocols = [
         draw_protocol(np.random.default_rng([number, 402, i]), motions, thresholds, settings)
         for i in range(settings.protocols)
@@ -159,8 +161,9 @@ def make_pack(
             engine, protocol = engines[planned.engine], protocols[planned.protocol]
             return _campaign(data, planned, engine, protocol, settings, number)
 
+        label = f"campaign {planned.id}"
         gone = not (data / planned.id).is_dir()
-        entries[planned.id] = steps.once(f"campaign {planned.id}", simulated, again=gone)
+        entries[planned.id] = steps.once(label, simulated, ENTRY, again=gone)
     if (data / PACK_FILE).exists():
         # Its hash may be published: it stays, whatever versions run now.
         open_key(data, key)
@@ -258,16 +261,18 @@ def _begin(
     path = key / _STATE
     if path.exists():
         state = read_json(path)
-        before = {**state, **(state.get("settings") or {})}
+        settled = state.get("settings")
+        before = state | (settled if isinstance(settled, dict) else {})
         now = {**asked, **asked["settings"]}
         differs = [name for name in now if name != "settings" and before.get(name) != now[name]]
-        if seed not in (None, int(state["seed"])):
+        if seed is not None and state.get("seed") != str(seed):
             differs.append("seed")
         if differs:
             raise BlindError(
                 f"{path}: was begun with another {', '.join(differs)}; continue it with the same, "
                 "or choose other folders"
             )
+        parsed(State, state, str(path))
         if (data / PACK_FILE).exists() and not (key / KEY_FILE).exists():
             raise BlindError(f"{key}: the pack is finished but {KEY_FILE} is gone")
         return state

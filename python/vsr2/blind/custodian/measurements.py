@@ -1,42 +1,20 @@
-"""Steps of making a pack, each done once, and what the custodian measures before it draws."""
+"""What the custodian measures before it draws."""
 
 from __future__ import annotations
 
 import json
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import cache
-from pathlib import Path
-from typing import Any
 
 from vsr2.blind.custodian.design import Protocol
 from vsr2.blind.custodian.detection_limit import RULES, SignalMeter
 from vsr2.blind.custodian.engine import Engine
+from vsr2.blind.custodian.steps import LIMIT, NUMBER, Steps
 from vsr2.blind.form.events import EventCode, Say
 from vsr2.blind.form.pack_settings import PackSettings
-from vsr2.blind.form.seal import read_json, write_json
 from vsr2.blind.mujoco import Drawable
 from vsr2.codes import Statement
-
-
-def read_back(content: Any) -> Any:
-    """As it is after JSON."""
-    return json.loads(json.dumps(content))
-
-
-class Steps:
-    """Results of steps in a file of its owner alone: what was killed does none of them twice."""
-
-    def __init__(self, file: Path) -> None:
-        self._file = file
-        self._known = read_json(file) if file.exists() else {}
-
-    def once(self, label: str, step: Callable[[], Any], *, again: bool = False) -> Any:
-        """The result of a step as plain data; done where it is not known, or has to be `again`."""
-        if again or label not in self._known:
-            self._known[label] = read_back(step())
-            write_json(self._file, self._known, private=True)
-        return self._known[label]
 
 
 class Measurements:
@@ -81,7 +59,7 @@ class Measurements:
             self._say(Statement.of(EventCode.DETECTION_LIMIT, **of, limit=found))
             return found if math.isfinite(found) else None
 
-        found = self._steps.once(f"detection limit of {label}", measured)
+        found = self._steps.once(f"detection limit of {label}", measured, LIMIT)
         return math.inf if found is None else float(found)
 
     def relative(
@@ -94,4 +72,4 @@ class Measurements:
             return self._meter(engine, protocol).signal(effect.name, values) / RULES.detected
 
         drawn = f"{engine} {protocol} {effect.name} {json.dumps(values, sort_keys=True)}"
-        return float(self._steps.once(f"signal of {drawn}", measured))
+        return float(self._steps.once(f"signal of {drawn}", measured, NUMBER))

@@ -189,7 +189,9 @@ class _Where(Part):
     weights: list[Annotated[float, Field(ge=0)]]
 
 
-class _Entry(Part):
+class Entry(Part):
+    """A campaign of a key."""
+
     kind: Kind = Field(strict=False)
     engine: Name
     protocol: Count = 0
@@ -205,7 +207,7 @@ class _Entry(Part):
         return [effect.name for effect in self.effects]
 
     @model_validator(mode="after")
-    def _check_kind(self) -> _Entry:
+    def _check_kind(self) -> Entry:
         check_count(self.names, self.kind, _EFFECTS[self.kind])
         if (self.where.axis is EffectAxis.NONE) == bool(self.effects):
             wanted = "it should be none where the kind is none, and only where nothing acts"
@@ -241,7 +243,7 @@ class Key(Part):
     """The `key` of a `key.json`: values, and that they make sense together."""
 
     settings: _Sealed
-    campaigns: dict[str, _Entry]
+    campaigns: dict[str, Entry]
     scene_sha256: Sha256 | None = None
     model_sha256: Sha256 | None = None
     motions_sha256: dict[str, Sha256] = Field(default_factory=dict)
