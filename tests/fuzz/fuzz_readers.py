@@ -1,4 +1,4 @@
-"""Feeds mutated real files to the readers, for as long as asked.
+"""Feeds mutated real files to the readers and stores, for as long as asked.
 
     python tests/fuzz/fuzz_readers.py --seconds 60 [--reader config] [--seed 0]
 
@@ -37,6 +37,9 @@ from pathlib import Path
 from typing import Any
 
 HERE = Path(__file__).resolve().parent
+sys.path.insert(0, str(HERE))
+from fuzz_stores import READ, read_store, store_seeds  # noqa: E402
+
 ROOT = HERE.parents[1]
 HANG_SECONDS = 5
 WAIT_SECONDS = 120
@@ -55,6 +58,7 @@ SUFFIXES = {
         *(".mseed", ".sac", ".EW"),
     ),
     "campaign": (".yaml", ".csv", ".npz"),
+    "store": tuple(READ),
 }
 FOLDERS = {
     "config": "configs",
@@ -63,6 +67,7 @@ FOLDERS = {
     "urdf": "models",
     "motion": "configs",
     "campaign": "",
+    "store": "",
 }
 
 # What breaks readers: odd numbers, syntax of each format, keys of the format in the wrong place.
@@ -70,6 +75,7 @@ PIECES = [
     *b"0 -1 1e999 1e-320 nan inf .nan .inf 9999999999999999999999 0x10 true ~ # ' | > & *".split(),
     *b"! % [ ] { } < > / \\ : - ? , ; = <<: *a &a [*a] --- ... !!python/name:os.getcwd".split(),
     *b"<!DOCTYPE <!ENTITY &x; ]]> <![CDATA[ </link> <link> <mesh xyz='' rpy='nan'".split(),
+    *b'1e400 NaN Infinity -Infinity null false -1.5 "1" {} [1]'.split(),
     *b"f 1 1 1 v nan 0 0 f -1 -2 -3 f 99999999 vertex facet endsolid element list".split(),
     *b"rock_structure_mesh engineSettings ros__parameters shape: mode: ../.. /dev/zero".split(),
     *(b"\0", b"\xff", b"\xef\xbb\xbf", b"\n", b"\r\n", b"\t", b"  ", b'"', b"\\UFFFFFFFF"),
@@ -150,6 +156,7 @@ READERS: dict[str, Callable[[Path], None]] = {
     "urdf": read_urdf,
     "motion": read_motion,
     "campaign": read_campaign,
+    "store": read_store,
 }
 
 
@@ -202,6 +209,8 @@ def made_seeds(reader: str) -> list[tuple[str, bytes]]:
             np.savez(stream, **content)
             made.append((".npz", stream.getvalue()))
         return made
+    if reader == "store":
+        return store_seeds()
     if reader == "mesh":
         corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
         faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]

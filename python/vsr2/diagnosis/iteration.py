@@ -207,7 +207,7 @@ def _round(
 ) -> Round:
     """A diagnosis, or what an earlier run finished of the same."""
     digest = _digest(campaign, study, asked)
-    known = _finished(folder, digest)
+    known = _finished(folder, study, digest)
     if known is not None:
         return Round(folder, study, known)
     found = diagnose(campaign, study, out=folder, **asked)
@@ -219,13 +219,17 @@ def _round(
     return Round(folder, study, found)
 
 
-def _finished(folder: Path, digest: str) -> Diagnosis | None:
+def _finished(folder: Path, study: Study, digest: str) -> Diagnosis | None:
+    """A finished diagnosis; None: there is none of the same, or not all that is read of it."""
     try:
         content = json.loads((folder / FILE).read_text(encoding="utf-8"))
         same = content["provenance"]["asked"] == digest
-    except (OSError, ValueError, KeyError, TypeError):
+        found = Diagnosis(content)
+        if same:
+            _summary(Round(folder, study, found))
+    except (OSError, ValueError, KeyError, TypeError, RecursionError):
         return None
-    return Diagnosis(content) if same else None
+    return found if same else None
 
 
 def _digest(campaign: Campaign, study: Study, asked: Asked) -> str:
