@@ -16,7 +16,7 @@ from vsr2.blind.scoring.scored import Scored
 from vsr2.report.messages.scores import SCORES
 from vsr2.report.pages import plain, render
 from vsr2.report.panels import save_figure, sheet
-from vsr2.report.text import markdown_table
+from vsr2.report.text import as_markdown, markdown_table
 from vsr2.results.atomic import write_text
 
 if TYPE_CHECKING:
@@ -54,7 +54,7 @@ def scores_page(scored: Scored) -> str:
             for leaks in scored.leaks
         ],
     }  # fmt: skip
-    return render("blind_scores.md", {}, **content).rstrip() + "\n"
+    return render("blind_scores.md", {"as_markdown": as_markdown}, **content).rstrip() + "\n"
 
 
 def _group(scored: Scored, group: str) -> dict[str, Any]:

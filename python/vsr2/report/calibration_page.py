@@ -24,7 +24,7 @@ from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
 from vsr2.report.messages.runs import compatible_values, no_baselines, optimism_note
 from vsr2.report.pages import render
 from vsr2.report.panels import legend_below, scale_axis, scale_where_wide, sheet, write_page
-from vsr2.report.text import markdown_table, printable
+from vsr2.report.text import as_markdown, markdown_table, printable
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
@@ -236,7 +236,7 @@ def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
     verdicts = {profile.name: profile.verdict for profile in result.profiles}
     return render(
         "calibration.md",
-        {"printable": printable},
+        {"as_markdown": as_markdown},
         campaign=result.campaign,
         motions=len(set(result.campaign.motion_ids)),
         overturned=int(result.observed.sum()),
@@ -259,7 +259,7 @@ def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
 def _score_table(result: CalibrationResult) -> str:
     header = ["prediction", "fitted", "trials", *SCORES[:4], "mean of three"]
     rows = [
-        [printable(s.name), s.fitted, s.metrics.trials, *(s.intervals[name] for name in SCORES)]
+        [s.name, s.fitted, s.metrics.trials, *(s.intervals[name] for name in SCORES)]
         for s in result.scores
     ]
     return markdown_table(header, rows)

@@ -31,6 +31,14 @@ def printable(text: object) -> str:
     return "".join(c if c.isprintable() else "?" for c in str(text))
 
 
+def as_markdown(text: object) -> str:
+    """Text for one line of Markdown: no HTML, no link or picture, no cell of a table ends in it."""
+    shown = printable(text)
+    for sign, written in (("&", "&amp;"), ("<", "&lt;"), ("|", "\\|"), ("](", "]\\(")):
+        shown = shown.replace(sign, written)
+    return shown
+
+
 def summary_table(result: BatchResult) -> str:
     """Counts of outcomes, statuses and engines, why trials failed, timing."""
     count = len(result)
@@ -95,6 +103,6 @@ def _timing(result: BatchResult) -> list[str]:
 
 
 def markdown_table(header: Sequence[str], rows: Sequence[Sequence[object]]) -> str:
-    """A table in Markdown."""
+    """A table in Markdown; what its cells hold stays text."""
     lines = [header, ["---"] * len(header), *rows]
-    return "\n".join("| " + " | ".join(map(str, line)) + " |" for line in lines)
+    return "\n".join("| " + " | ".join(map(as_markdown, line)) + " |" for line in lines)
