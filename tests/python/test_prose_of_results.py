@@ -22,6 +22,7 @@ ELSEWHERE = {
     "analysis/baseline.py:Fitted": "labels of a table's column",
     "argument_names.py:": "faults of a call",
     "blind/custodian/measurements.py:Measurements": "a name in the journal of a pack",
+    "blind/custodian/steps.py:": "faults of a pack's steps",
     "blind/form/": "faults of a pack's file",
     "blind/mujoco/model.py:": "a scene in MuJoCo's XML",
     "calibration/calibration_study.py:calibration_schema": "meaning of a key",
