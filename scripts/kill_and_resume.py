@@ -181,7 +181,7 @@ def main() -> int:
     chance = random.Random(asked.seed)
     known = verbs(asked.study.resolve(), work)
     chosen = asked.verb or list(known)
-    for words, folder in {known[name].reads for name in chosen} - {None}:
+    for words, folder in {read for name in chosen if (read := known[name].reads) is not None}:
         remove(folder)
         start(words, folder).communicate()
     expected: dict[str, tuple[dict[str, bytes], float]] = {}

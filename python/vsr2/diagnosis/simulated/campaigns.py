@@ -148,9 +148,9 @@ def draw_acting(
 ) -> Acting:
     """An effect on either side of its null, at a size that is log-uniform in detection limits.
 
-    Some draws are larger, up to the prior's end: see `SET_PRIOR.beyond`. Parameters whose full range
-    counts (`Parameter.full_range`) come from their prior as it stands in half of the draws instead.
-    The size is then that of the parameter farthest from its null.
+    Some draws are larger, up to the prior's end: see `SET_PRIOR.beyond`. Parameters whose full
+    range counts (`Parameter.full_range`) come from their prior as it stands in half of the draws
+    instead. The size is then that of the parameter farthest from its null.
     """
     effect = library[name]
     reached = [s for s in sides(effect) if limits[name, s].share * SET_PRIOR.least <= 1]
