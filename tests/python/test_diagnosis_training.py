@@ -145,14 +145,16 @@ def test_limits_name_the_most_causes_rightly_while_names_are_wrong_as_seldom_as_
         wrong = np.array([is_wrong(s, own) for s, own in zip(said, owners, strict=True)])
         alarms = np.mean([str(said[i].kind) != "none" for i in plain])
         assert alarms <= CALIBRATION.false_alarms + 1 / plain.size
+        pair = np.array([str(s.kind) == "pair" for s in said])
         right = np.array([(not bad) * len(s.findings) for s, bad in zip(said, wrong, strict=True)])
         return (
             weight[wrong].sum() / weight[named].sum(),
             weight[named].sum() / weight.sum(),
             (weight * named * right).sum(),
+            weight[wrong & pair].sum() <= CALIBRATION.wrong_together * weight[pair].sum(),
         )
 
-    wrong, named, right = shares(levels.least_name, levels.least_together)
+    wrong, named, right, _ = shares(levels.least_name, levels.least_together)
     assert (wrong, named) == pytest.approx((levels.wrong, levels.named))
     assert wrong <= CALIBRATION.wrong
     others = [
@@ -161,7 +163,15 @@ def test_limits_name_the_most_causes_rightly_while_names_are_wrong_as_seldom_as_
         for together in CALIBRATION.together[::9]
     ]
     assert any(share > CALIBRATION.wrong for share, *_ in others), "no limit is too low"
-    assert right >= max(own for share, _, own in others if share <= CALIBRATION.wrong) - 1e-9
+    allowed = [own for share, _, own, kept in others if share <= CALIBRATION.wrong and kept]
+    assert right >= max(allowed) - 1e-9
+    # Of limits that name as many causes rightly the strictest are chosen.
+    steps = (CALIBRATION.one, levels.least_name), (CALIBRATION.together, levels.least_together)
+    for k, (known, own) in enumerate(steps):
+        if own < known[-1]:
+            stricter = [levels.least_name, levels.least_together]
+            stricter[k] = known[known.index(own) + 1]
+            assert shares(*stricter)[2] < right
 
 
 def test_levels_are_set_on_verdicts_that_see_the_fit() -> None:

@@ -34,15 +34,18 @@ class CalibrationConstants:
     Attributes:
         false_alarms: share of gap-free campaigns of which none is not said.
         wrong: share of names that may be wrong.
+        wrong_together: share of the names of causes that act together that may be.
         coverage: of the sets of hypotheses.
         temperatures: ends of the logarithm of the temperature that is sought.
         one: probabilities that the name of one cause may be asked to have.
         together: those that names of causes which act together may be asked to have. Of all pairs
-            of both that keep `wrong`, the one is used that names the most causes rightly.
+            of both that keep `wrong`, the one is used that names the most causes rightly; of
+            equally good ones the strictest.
     """
 
     false_alarms: float = 0.05
     wrong: float = 0.10
+    wrong_together: float = 1 / 3
     coverage: float = 0.90
     temperatures: tuple[float, float] = (-1.0, 1.5)
     one: tuple[float, ...] = tuple(k / 100 for k in range(50, 100))
@@ -193,21 +196,20 @@ def _naming_limits(
         return out * weight
 
     ones = [judged(partial(one_cause, least=least, alike=alike)) for least in CALIBRATION.one]
-    best: tuple[float, NamingLimits, float, float] | None = None
-    for together in CALIBRATION.together:
+    best, chosen = (False, -1.0), (asked, 0.0, 0.0)
+    for together in reversed(CALIBRATION.together):
         several = judged(partial(several_causes, least=together))
+        kept = several[1].sum() <= CALIBRATION.wrong_together * several[0].sum()
         left = several[0] == 0
-        for one, of_one in zip(CALIBRATION.one, ones, strict=True):
+        for one, of_one in zip(reversed(CALIBRATION.one), reversed(ones), strict=True):
             named, wrong, right = several.sum(axis=1) + of_one[:, left].sum(axis=1)
             share = float(wrong / max(named, 1e-9))
-            last = (one, together) == (CALIBRATION.one[-1], CALIBRATION.together[-1])
-            if (share <= CALIBRATION.wrong and (best is None or right > best[0])) or (
-                last and best is None
-            ):
+            # Rounded, so that equal sums of other order are equal.
+            own = (kept and share <= CALIBRATION.wrong, round(float(right), 9))
+            if best[1] < 0 or (own[0] and own > best):
                 limits = NamingLimits(none_limit, one, together)
-                best = float(right), limits, share, float(named / weight.sum())
-    assert best is not None
-    return best[1:]
+                best, chosen = own, (limits, share, float(named / weight.sum()))
+    return chosen
 
 
 def label_probability(probability: Array, sets: Sets) -> Array:
