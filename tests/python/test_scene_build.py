@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import importlib.util
 import sys
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -38,7 +39,7 @@ from vsr2.scene import (
 )
 from vsr2.scene.rotation import matrix_from_quaternion
 from vsr2.scene.shapes import hull_surface, rock_points
-from vsr2.simulation import run_batch
+from vsr2.simulation import native_scene, run_batch
 
 MODELS = Path(__file__).resolve().parents[2] / "models"
 PRISM = build_pedestal(PrismPedestal())
@@ -149,6 +150,38 @@ def test_box_rock() -> None:
     assert body.start.position == pytest.approx((0.0, 0.0, 3.002))
     assert body.surface is not None
     assert body.notes == ()
+
+
+def test_the_hash_tells_whose_a_part_is_and_how_the_pedestal_slopes() -> None:
+    scene = build_scene(study_from_mapping(
+        {"rock": {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2000.0},
+         "motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}},
+        MODELS,
+    ))  # fmt: skip
+    rock, pedestal = scene.rock, scene.pedestal
+    small = Box((0.1, 0.1, 0.1), center=(0.0, 0.0, 0.8))
+    lines = [Hull(np.random.default_rng(3).random((count, 3))) for count in (5, 6)]
+    joined = Hull(np.concatenate([one.points for one in lines]))
+    scenes = [
+        scene,
+        replace(scene, rock=replace(rock, parts=(*rock.parts, small))),
+        replace(scene, pedestal=replace(pedestal, parts=(small, *pedestal.parts))),
+        replace(scene, pedestal=replace(pedestal, slope=(0.0, 0.01, 0.0, 0.99995))),
+        replace(scene, rock=replace(rock, parts=tuple(lines))),
+        replace(scene, rock=replace(rock, parts=(joined,))),
+    ]
+    assert len({one.sha256 for one in scenes}) == len(scenes)
+
+
+def test_whole_numbers_are_numbers() -> None:
+    scene = build_scene(study_from_mapping(
+        {"rock": {"shape": "box", "size": [1, 1, 2], "density": 2000.0},
+         "motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}},
+        MODELS,
+    ))  # fmt: skip
+    rock = replace(scene.rock, parts=(Box((1, 1, 2)),))
+    pedestal = replace(scene.pedestal, origin=(0, 0, 2), parts=(Box((1, 1, 2)),))
+    native_scene(replace(scene, rock=rock, pedestal=pedestal))
 
 
 @pytest.mark.parametrize("inertia", ["mesh", "aabb"])

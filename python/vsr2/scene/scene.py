@@ -20,7 +20,12 @@ from vsr2.scene.build import build_pedestal, build_rock, soft_contact_notes
 from vsr2.scene.mechanisms import Mechanisms
 from vsr2.scene.mesh import Mesh, mesh_from_arrays
 from vsr2.scene.notes import WARNINGS, SceneWarning
-from vsr2.scene.rotation import matrix_from_quaternion, multiply, quaternion_from_matrix
+from vsr2.scene.rotation import (
+    IDENTITY,
+    matrix_from_quaternion,
+    multiply,
+    quaternion_from_matrix,
+)
 
 
 @checked_names(GeometryError)
@@ -80,17 +85,24 @@ class Scene(OneLine):
             pedestal.base_size,
         ):
             digest.update(np.asarray(values, dtype=np.float64).tobytes())
-        for part in (*rock.parts, *pedestal.parts):
-            match part:
-                case Hull():
-                    digest.update(b"hull" + part.points.tobytes())
-                case Box():
-                    pose = (*part.size, *part.center, *part.orientation)
-                    digest.update(b"box" + np.asarray(pose, dtype=np.float64).tobytes())
-                case Triangles():
-                    digest.update(b"triangles" + part.vertices.tobytes() + part.faces.tobytes())
+        for body in (rock, pedestal):
+            # Counts come first, so that no part can be taken for another body's, or another part.
+            digest.update(f"{len(body.parts)} parts".encode())
+            for part in body.parts:
+                match part:
+                    case Hull():
+                        digest.update(f"hull {len(part.points)}".encode() + part.points.tobytes())
+                    case Box():
+                        pose = (*part.size, *part.center, *part.orientation)
+                        digest.update(b"box" + np.asarray(pose, dtype=np.float64).tobytes())
+                    case Triangles():
+                        counts = f"triangles {len(part.vertices)} {len(part.faces)}"
+                        digest.update(counts.encode() + part.vertices.tobytes())
+                        digest.update(part.faces.tobytes())
         # What is not used adds nothing, so that it does not tell scenes apart.
         digest.update(self.mechanisms.key.encode())
+        if pedestal.slope != IDENTITY:
+            digest.update(b"slope" + np.asarray(pedestal.slope, dtype=np.float64).tobytes())
         if pedestal.pitch_pivot is not None:
             digest.update(b"pivot" + np.float64(pedestal.pitch_pivot).tobytes())
         if pedestal.pitch_spring is not None:

@@ -47,9 +47,9 @@ def _built(scene: Scene) -> _native.Scene:
             engine=_native_engine(engine),
             pedestal=_native.PedestalSpec(
                 parts=_native_parts(pedestal.parts),
-                origin=np.asarray(pedestal.origin),
+                origin=np.asarray(pedestal.origin, dtype=np.float64),
                 mass=pedestal.mass,
-                base_size=np.asarray(pedestal.base_size),
+                base_size=np.asarray(pedestal.base_size, dtype=np.float64),
                 top=pedestal.top,
                 material=_native_material(contact.pedestal),
                 pitch_pivot=scene.pitch_pivot,
@@ -92,9 +92,9 @@ def _native_material(material: Material) -> _native.ContactValues:
 
 def _box(part: Box) -> _native.BoxPart:
     return _native.BoxPart(
-        size=np.asarray(part.size),
-        position=np.asarray(part.center),
-        orientation=np.asarray(part.orientation),
+        size=np.asarray(part.size, dtype=np.float64),
+        position=np.asarray(part.center, dtype=np.float64),
+        orientation=np.asarray(part.orientation, dtype=np.float64),
     )
 
 
