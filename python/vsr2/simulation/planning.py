@@ -137,9 +137,11 @@ def log_bytes(trial: Trial, *, contacts: bool = True, least: bool = False) -> fl
     size = 0.0
     if output.log_every:
         columns = len(STATE_COLUMNS) + (3 if trial.goes_beside_x else 0)
-        size += seconds / (step * output.log_every) * columns * 8
+        # The first row stands at the start, and what the last step begins is done.
+        rows = seconds / (step * output.log_every) + 2
+        size += rows * columns * 8
     if contacts and output.contacts_every and not least:
-        rows = (trial.motion.duration + trial.outcome.tail) / (step * output.contacts_every)
+        rows = (trial.motion.duration + trial.outcome.tail) / (step * output.contacts_every) + 2
         size += rows * CONTACT_POINTS * len(CONTACT_COLUMNS) * 8
     return size
 
