@@ -13,9 +13,10 @@ import numpy as np
 import pytest
 
 from planar.library import PLANAR_LIBRARY
-from vsr2.diagnosis.simulated.cache import SimulationCache, own_code
+from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.effects import library as full_library
+from vsr2.effects.own_code import own_code
 from vsr2.errors import ResultError
 
 TWO = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution")}

@@ -3,15 +3,16 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
 
 from vsr2.cli.main import main
 from vsr2.cli.verb_effects import _wanted
-from vsr2.effects import (
-    registry,
-)
+from vsr2.effects import Effect, Parameter, effect, registry, with_effects
+from vsr2.simulation.bench import EffectBench
+from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
 
@@ -155,3 +156,37 @@ def test_the_list_prints_all(capsys: pytest.CaptureFixture[str]) -> None:
     assert "confounded with: com_offset" in capsys.readouterr().out
     assert main(["effects", "show", "slope"]) == 2
     assert "base_slope" in capsys.readouterr().err
+
+
+def test_the_code_of_an_effect_of_ones_own_is_part_of_a_trials_hash() -> None:
+    """What it writes down instead of what happened stands nowhere else in the trial."""
+    trial = EffectBench().block()
+
+    def observed(outcome: str) -> Trial:
+        class Noted(Effect):
+            name = "noted"
+            meaning = "of one's own"
+            stage = "outcome"
+            parameters = (Parameter("size", "1", 0.0, 0.0, 1.0, "uniform", "of it"),)
+
+            def observe(self, observation, values):
+                return replace(observation, outcome=outcome)
+
+        return with_effects([trial], [(Noted(), {"size": 1.0})])[0]
+
+    def plain(outcome: str) -> Trial:
+        class Noted(Effect):
+            name = "noted"
+            meaning = "of one's own"
+            stage = "outcome"
+            parameters = (Parameter("size", "1", 0.0, 0.0, 1.0, "uniform", "of it"),)
+
+            def observe(self, observation, values):
+                return observation
+
+        return with_effects([trial], [(Noted(), {"size": 1.0})])[0]
+
+    assert observed("stable").sha256 != plain("stable").sha256
+    assert observed("stable").sha256 == observed("stable").sha256
+    (gained,) = with_effects([trial], [(effect("table_gain"), {"change": 0.1})])
+    assert gained.effects[0].key == "table_gain(('change', 0.1),)"

@@ -19,7 +19,6 @@ from vsr2.diagnosis.api import BUDGET, Execution, diagnose, made_folder
 from vsr2.diagnosis.budget import SCHEDULE, Budget
 from vsr2.diagnosis.corrected import CORRECTED_FILE, DRAWS_FOLDER, corrected_study, scene_head
 from vsr2.diagnosis.protocol_cache import POSTERIORS, SIMULATIONS
-from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES
 from vsr2.diagnosis.verdict.document import (
@@ -31,6 +30,7 @@ from vsr2.diagnosis.verdict.document import (
     Diagnosis,
 )
 from vsr2.effects import check_study_effects
+from vsr2.effects.own_code import own_code
 from vsr2.errors import DiagnosisError
 from vsr2.results.atomic import write_text
 

@@ -11,6 +11,7 @@ from typing import ClassVar, Literal, Protocol, Self, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.effects.own_code import own_code
 from vsr2.effects.parameter import Parameter, Prior, near
 from vsr2.errors import ConfigError
 from vsr2.motion import Motion
@@ -152,6 +153,11 @@ class Effect:
     jump: ClassVar[str] = ""
     once: ClassVar[str] = ""
     parts: ClassVar[tuple[Effect, ...]] = ()
+
+    @property
+    def code(self) -> str:
+        """What tells a user's effect from another of its name; empty for those of the library."""
+        return own_code(type(self))
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         """The trial with the effect. Called only where `values` are not null.

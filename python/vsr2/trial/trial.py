@@ -67,6 +67,10 @@ class ActingEffect(Protocol):
     def stage(self) -> str:
         """What it changes."""
 
+    @property
+    def code(self) -> str:
+        """What tells a user's effect from another of its name; empty for those of the library."""
+
     def observe(self, observation: Observation, values: Mapping[str, float]) -> Observation:
         """What is written down instead."""
 
@@ -88,7 +92,7 @@ class Applied:
     @property
     def key(self) -> str:
         """Text that tells it from others."""
-        return f"{self.effect.name}{self.values!r}"
+        return f"{self.effect.name}{self.values!r}{self.effect.code}"
 
 
 _FIELDS: Mapping[str, tuple[Any, str]] = {

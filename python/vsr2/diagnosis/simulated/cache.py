@@ -3,9 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-import inspect
 import logging
-import marshal
 import struct
 import time
 from base64 import b64decode, b64encode
@@ -17,6 +15,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
+from vsr2.effects.own_code import own_code
 from vsr2.errors import ResultError
 from vsr2.results.store import Store, StoreKind, is_number, odd_value
 
@@ -197,22 +196,3 @@ def _decoded(record: dict[str, Any], name: str) -> bytes:
         return b64decode(text, validate=True)
     except (TypeError, ValueError):
         raise odd_value(name, text, "text in base 64") from None
-
-
-def own_code(kind: type) -> str:
-    """What tells a user's class from another of its name; empty for classes of this package.
-
-    Its source and that of its bases outside this package; of classes without one (typed in at a
-    prompt) the bytecode of their functions. What they call elsewhere is not looked at.
-    """
-    return "".join(_code(base) for base in kind.__mro__ if base is not object)
-
-
-def _code(kind: type) -> str:
-    if kind.__module__.split(".")[0] == __name__.split(".")[0]:
-        return ""
-    try:
-        return inspect.getsource(kind)
-    except (OSError, TypeError):
-        codes = [getattr(value, "__code__", None) for _, value in sorted(vars(kind).items())]
-        return "".join(marshal.dumps(code).hex() for code in codes if code is not None)

@@ -7,9 +7,9 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from vsr2.config.study import Study
-from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.nuisances import Nuisance
 from vsr2.effects import Circumstances, Effect, chosen, each_with_effects
+from vsr2.effects.own_code import own_code
 from vsr2.errors import DiagnosisError
 from vsr2.trial import Trial
 

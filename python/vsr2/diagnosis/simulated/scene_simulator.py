@@ -23,7 +23,6 @@ from vsr2.diagnosis.observed.features import (
     tilt_features,
 )
 from vsr2.diagnosis.observed.observations import series_sampling
-from vsr2.diagnosis.simulated.cache import own_code
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.nuisance_draws import NuisanceDraws
 from vsr2.diagnosis.simulated.scene_effects import SceneEffects
@@ -37,6 +36,7 @@ from vsr2.diagnosis.simulated.simulator import (
     Responses,
 )
 from vsr2.effects import Effect, in_order, with_effects
+from vsr2.effects.own_code import own_code
 from vsr2.errors import DiagnosisError, GeometryError, Vsr2Error
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import Outcome, TrialLog
