@@ -50,6 +50,7 @@ ELSEWHERE = {
     "scene/notes.py:WARNINGS": "templates of warnings",
     "simulation/distributed.py:": "a trial's message, of an exception",
     "simulation/effect_checks.py:EffectChecker": "where an error arose",
+    "simulation/native_scenes.py:FAST_REFUSALS": "faults of a scene",
     "simulation/shards.py:merge_shards": "faults of shards",
     "trial/trial.py:_FIELDS": "a remedy",
     "view/": "labels of the page that replays a trial",

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import threading
 from collections import OrderedDict
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
@@ -18,6 +18,15 @@ from vsr2.scene import Box, Hull, Scene, Triangles
 
 MAX_NATIVE_SCENES = 64
 """Native scenes kept by this process; a scanned rock of 33,000 points takes 3 MB."""
+
+FAST_REFUSALS: Mapping[_native.FastRefusal, str] = {
+    _native.FastRefusal.no_friction_cone: "its friction is no cone",
+    _native.FastRefusal.no_margin: "its shapes have no margin",
+    _native.FastRefusal.pedestal_not_a_box: "its pedestal is not a box",
+    _native.FastRefusal.rolling_friction: "its contact has rolling friction",
+    _native.FastRefusal.several_parts: "its rock has several parts",
+}
+"""Why `fast` does not take a scene."""
 
 _kept: OrderedDict[str, _native.Scene] = OrderedDict()
 _lock = threading.Lock()
@@ -69,7 +78,7 @@ def _built(scene: Scene) -> _native.Scene:
         refusal = native.fast_refusal
         if engine.mode == "fast" and refusal != _native.FastRefusal.none:
             raise SimulationError(
-                f"engine.mode: fast does not take this scene: {refusal.name.replace('_', ' ')}; "
+                f"engine.mode: fast does not take this scene: {FAST_REFUSALS[refusal]}; "
                 "choose auto or exact",
                 fault=Fault.ENGINE_DOMAIN,
             )

@@ -15,6 +15,7 @@ from vsr2.report.messages.runs import compatible_values
 from vsr2.report.messages.templates import check_worded, counted
 from vsr2.report.messages.verdicts import shown
 from vsr2.scene.notes import WARNINGS
+from vsr2.simulation.native_scenes import FAST_REFUSALS
 
 if TYPE_CHECKING:
     from vsr2.analysis.baseline import BaselineScore
@@ -233,10 +234,18 @@ def _null(parameter: Parameter) -> str:
     return f"{parameter.null:g}"
 
 
+check_worded(
+    [one for one in FastRefusal.__members__.values() if one is not FastRefusal.none],
+    FAST_REFUSALS,
+    "vsr2.simulation.native_scenes",
+)
+
+
 def engine_fast(refusal: FastRefusal) -> str:
     """Whether the engine `fast` takes an effect, and why not."""
-    why_not = refusal.name.replace("_", " ")
-    return f"engine fast: {'yes' if refusal is FastRefusal.none else f'no, {why_not}'}"
+    if refusal is FastRefusal.none:
+        return "engine fast: yes"
+    return f"engine fast: no, {FAST_REFUSALS[refusal]}"
 
 
 def effects_passed(passed: int, checked: int) -> str:

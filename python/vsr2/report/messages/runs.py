@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
+from vsr2._native import HandOver
 from vsr2.report.messages.templates import check_worded, counted
 from vsr2.results import NO_HAND_OVER, STATUSES, Status
 
@@ -25,6 +26,12 @@ STATUS_MEANING = {
     Status.not_run.name: "not started; no outcome",
 }
 check_worded(STATUSES, STATUS_MEANING, __name__)
+HAND_OVERS = {
+    HandOver.motor_on_a_slope.name: "a motor on a slope",
+    HandOver.off_the_top.name: "off the top",
+    HandOver.too_deep.name: "too deep",
+}
+check_worded([name for name in HandOver.__members__ if name != NO_HAND_OVER], HAND_OVERS, __name__)
 
 
 def trial_end(row: Mapping[str, Any]) -> str:
@@ -78,7 +85,7 @@ def engine_in_use(engine: str, hand_over: str) -> str:
     """The engine that ran a trial, and why another went on with it."""
     if hand_over == NO_HAND_OVER:
         return engine
-    return f"{engine}, then exact ({hand_over.replace('_', ' ')})"
+    return f"{engine}, then exact ({HAND_OVERS[hand_over]})"
 
 
 def trial_name(index: int, name: str) -> str:
