@@ -158,35 +158,32 @@ def test_the_list_prints_all(capsys: pytest.CaptureFixture[str]) -> None:
     assert "base_slope" in capsys.readouterr().err
 
 
+class Noted(Effect):
+    name = "noted"
+    meaning = "of one's own"
+    stage = "outcome"
+    parameters = (Parameter("size", "1", 0.0, 0.0, 1.0, "uniform", "of it"),)
+
+
+class Turned(Noted):
+    def observe(self, observation, values):
+        return replace(observation, outcome="overturned")
+
+
+class Kept(Noted):
+    def observe(self, observation, values):
+        return observation
+
+
 def test_the_code_of_an_effect_of_ones_own_is_part_of_a_trials_hash() -> None:
     """What it writes down instead of what happened stands nowhere else in the trial."""
     trial = EffectBench().block()
 
-    def observed(outcome: str) -> Trial:
-        class Noted(Effect):
-            name = "noted"
-            meaning = "of one's own"
-            stage = "outcome"
-            parameters = (Parameter("size", "1", 0.0, 0.0, 1.0, "uniform", "of it"),)
+    def under(one: Effect, values: dict[str, float]) -> Trial:
+        return with_effects([trial], [(one, values)])[0]
 
-            def observe(self, observation, values):
-                return replace(observation, outcome=outcome)
-
-        return with_effects([trial], [(Noted(), {"size": 1.0})])[0]
-
-    def plain(outcome: str) -> Trial:
-        class Noted(Effect):
-            name = "noted"
-            meaning = "of one's own"
-            stage = "outcome"
-            parameters = (Parameter("size", "1", 0.0, 0.0, 1.0, "uniform", "of it"),)
-
-            def observe(self, observation, values):
-                return observation
-
-        return with_effects([trial], [(Noted(), {"size": 1.0})])[0]
-
-    assert observed("stable").sha256 != plain("stable").sha256
-    assert observed("stable").sha256 == observed("stable").sha256
-    (gained,) = with_effects([trial], [(effect("table_gain"), {"change": 0.1})])
-    assert gained.effects[0].key == "table_gain(('change', 0.1),)"
+    turned, kept = (under(kind(), {"size": 1.0}) for kind in (Turned, Kept))
+    assert turned.sha256 != kept.sha256
+    assert turned.sha256 == under(Turned(), {"size": 1.0}).sha256
+    gained = under(effect("table_gain"), {"change": 0.1})
+    assert gained.effects[0].key == "table_gain(('change', 0.1),)", "no code of the library's"
