@@ -42,6 +42,7 @@ UNTUNED: dict[str, set[str]] = {
         "effects/underside.py:_COEFFICIENTS", "motion/two_components.py:STEP",
         "motion/spectrum.py:PERIODS", "scene/rotation.py:IDENTITY",
         "scene/shapes.py:_BOX_SIGNS", "scene/shapes.py:_BOX_FACES",
+        "simulation/planning.py:EDGE_ROWS",
     },
     "guard against rounding": {
         "campaign/campaign.py:NORM_TOLERANCE", "diagnosis/posterior/network.py:FORBIDDEN",

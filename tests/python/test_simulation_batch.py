@@ -28,6 +28,7 @@ from vsr2.results import BatchResult
 from vsr2.scene import Pose
 from vsr2.simulation import Simulation, run_batch, study_trials
 from vsr2.simulation.native_trials import QUEUE, _settled_start, _specification, run_native
+from vsr2.simulation.planning import log_bytes
 from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -216,6 +217,19 @@ def test_contacts_are_logged_for_the_chosen_trials_only() -> None:
     assert [len(log.contacts) > 0 for log in result.logs if log] == [
         False, True, False, True, False, False,
     ]  # fmt: skip
+
+
+def test_a_log_is_no_longer_than_is_said_and_no_shorter() -> None:
+    trials = study_trials(block_study(contacts_every=10))
+    trials = [
+        replace(one, outcome=one.outcome.model_copy(update={"stop_early": False})) for one in trials
+    ]
+    for trial, log in zip(trials, run_batch(trials, threads=2).logs, strict=True):
+        assert log is not None
+        most = log_bytes(trial, contacts=False)
+        assert log.state.nbytes <= most
+        assert log_bytes(trial, contacts=False, least=True) <= log.state.nbytes
+        assert log.contacts.nbytes <= log_bytes(trial) - most
 
 
 def test_a_slow_taker_bounds_what_the_core_holds(monkeypatch: pytest.MonkeyPatch) -> None:

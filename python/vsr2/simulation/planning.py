@@ -122,6 +122,10 @@ def check_trials(trials: Sequence[Trial]) -> None:
             )
 
 
+EDGE_ROWS = 2
+"""Rows of a log beside those of its intervals: at the start, and of an interval that is begun."""
+
+
 def log_bytes(trial: Trial, *, contacts: bool = True, least: bool = False) -> float:
     """Size of a trial's log in memory [byte].
 
@@ -137,11 +141,12 @@ def log_bytes(trial: Trial, *, contacts: bool = True, least: bool = False) -> fl
     size = 0.0
     if output.log_every:
         columns = len(STATE_COLUMNS) + (3 if trial.goes_beside_x else 0)
-        # The first row stands at the start, and what the last step begins is done.
-        rows = seconds / (step * output.log_every) + 2
+        rows = seconds / (step * output.log_every) + (0 if least else EDGE_ROWS)
         size += rows * columns * 8
     if contacts and output.contacts_every and not least:
-        rows = (trial.motion.duration + trial.outcome.tail) / (step * output.contacts_every) + 2
+        rows = (trial.motion.duration + trial.outcome.tail) / (
+            step * output.contacts_every
+        ) + EDGE_ROWS
         size += rows * CONTACT_POINTS * len(CONTACT_COLUMNS) * 8
     return size
 
