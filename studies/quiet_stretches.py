@@ -152,7 +152,7 @@ def by_scene(
         folder = options.parts / f"{name}_{options.replicates}"
         folder.mkdir(parents=True, exist_ok=True)
         given = scene(name, skip)
-        pose = part(folder / "start.json", partial(_settled, given))
+        pose = part(folder / "start.json", partial(settled, given))
         base = Pose(tuple(pose["position"]), tuple(pose["orientation"]))
         yield (
             name,
@@ -163,7 +163,8 @@ def by_scene(
         )
 
 
-def _settled(given: Scene) -> dict[str, Any]:
+def settled(given: Scene) -> dict[str, Any]:
+    """Where the rock rests, as a part keeps it."""
     return vars_of(settled_pose(given))
 
 

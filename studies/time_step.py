@@ -1,16 +1,19 @@
-"""Show what the time step of `fast` costs in truth: ensembles at several steps against the least.
+"""Show what the time step of `fast` costs in truth: overturning margins at several steps.
 
     python studies/time_step.py [--scenes NAME ...] [--records N] [--replicates N]
     VSR2_LAB_DATA=FOLDER python studies/time_step.py --scenes SP1
 
-Replicates with perturbed starts under borderline records, as in engine_equivalence.py, with VSR2's
-own contact and damping, are run at each time step from the same starts. A record is resampled in
-time, so that every step sees the same motion. Compared with the least step are the overturn
-probability, with McNemar's standard error, and the largest tilt of rocks that stand in both: the
-median of the logarithm of the ratio, over trials that rock by more than `MOVED`.
+A margin is the logarithm of the factor on a record at which the rock overturns, sought by halving
+between 0.2 and 3 times the record. Each replicate has a perturbed start, as in
+engine_equivalence.py, and VSR2's own contact and damping. A record is resampled in time, so that
+every step sees the same motion, and all steps see the same starts. No record is chosen by what it
+does at one of the steps: near the threshold responses are chaotic, and a record that is borderline
+at one step is less so at all others. Compared with the least step are the margins, with the
+standard error over records, and the largest tilt under 0.8 times the record of the margin at the
+least step, where rocks stand at both: the median of the logarithm of the ratio.
 
-Each ensemble is written to `--parts` when it is done; a run that was stopped goes on from there.
-Writes `time_step.csv`, one row a scene and a step.
+Each scene and step is written to `--parts` when it is done; a run that was stopped goes on from
+there. Writes `time_step.csv`, one row a scene and a step.
 """
 
 from __future__ import annotations
@@ -18,19 +21,28 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from functools import partial
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
-from engine_equivalence import replicates, write_table
-from quiet_stretches import by_scene, options_of, scene
+from engine_equivalence import part, record, replicates, write_table
+from quiet_stretches import options_of, scene, settled
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.scene import Pose, Scene
 from vsr2.simulation import run_batch
+from vsr2.trial import Trial
 
+Array = NDArray[np.float64]
 STEPS = (0.00025, 0.0005, 0.001, 0.002, 0.004)
 """Time steps [s]; the others are compared with the first."""
+ENDS = (math.log(0.2), math.log(3.0))
+"""Of the logarithm of the factor on a record."""
+HALVINGS = 8
+"""So that a margin is good to 0.01."""
+CALM = math.log(0.8)
+"""Logarithm of the factor, over that of the margin, under which largest tilts are compared."""
 MOVED = 0.01
 """Largest tilt from which a rock rocked [rad]."""
 
@@ -41,51 +53,93 @@ def at_step(given: Scene, time_step: float) -> Scene:
     return Scene(given.rock, given.pedestal, engine, given.contact)
 
 
-def ensembles(
-    name: str, base: Pose, motion: Motion, seed: int, options: argparse.Namespace
+@cache
+def unscaled(seed: int, step: float) -> Motion:
+    """A synthetic record, resampled in time."""
+    motion = record(seed, 1.0)
+    return build_recorded_motion(
+        Record(motion.name, motion.time_step, displacement=motion.displacement), step
+    )
+
+
+def responses(
+    given: Scene, base: Pose, factors: Array, step: float, threads: int
+) -> tuple[NDArray[np.bool_], Array, float]:
+    """Whether each replicate overturns, its largest tilt [rad], and CPU time of all [s].
+
+    Args:
+        given: at the time step.
+        base: pose at rest.
+        factors: on each record for each replicate, shape (records, replicates).
+        step: time step [s].
+        threads: of the batch.
+    """
+    trials: list[Trial] = []
+    for seed, row in enumerate(factors):
+        for k, factor in enumerate(row):
+            motion = unscaled(seed, step).scaled(float(factor))
+            trials += replicates(given, base, motion, 1, [13, seed, k])
+    begun = time.process_time()
+    result = run_batch(trials, threads=threads, keep_logs=False)
+    cpu = time.process_time() - begun
+    if not result.judged.all():
+        raise SystemExit(f"{(~result.judged).sum()} trials failed at {step} s")
+    shape = factors.shape
+    return result.overturned.reshape(shape), result["peak_tilt"].reshape(shape), cpu
+
+
+def margins(
+    given: Scene, base: Pose, step: float, options: argparse.Namespace, calm: Array | None
 ) -> dict[str, Any]:
-    """Outcomes, largest tilts [rad] and CPU time [s] at each step under one record."""
-    given = scene(name, "quiet")
-    record = Record(motion.name, motion.time_step, displacement=motion.displacement)
-    found: dict[str, Any] = {"fell": [], "tilt": [], "cpu_s": []}
-    for step in STEPS:
-        resampled = build_recorded_motion(record, step)
-        trials = replicates(
-            at_step(given, step), base, resampled, options.replicates, [13, seed, 0]
-        )
-        begun = time.process_time()
-        result = run_batch(trials, threads=options.threads, keep_logs=False)
-        found["cpu_s"].append(time.process_time() - begun)
-        if not result.judged.all():
-            raise SystemExit(f"{(~result.judged).sum()} trials failed at {step} s")
-        found["fell"].append(result.overturned.tolist())
-        found["tilt"].append(result["peak_tilt"].tolist())
-    return found
+    """Margins of all replicates at a step, their CPU time, and largest tilts under calmer motions.
+
+    Args:
+        given: the scene, at any step.
+        base: pose at rest.
+        step: time step [s].
+        options: sizes.
+        calm: margins at the least step; None: this is it.
+    """
+    stepped = at_step(given, step)
+    shape = (options.records, options.replicates)
+    low, high = (np.full(shape, end) for end in ENDS)
+    cpu = 0.0
+    for _ in range(HALVINGS):
+        middle = 0.5 * (low + high)
+        fell, _, spent = responses(stepped, base, np.exp(middle), step, options.threads)
+        low, high = np.where(fell, low, middle), np.where(fell, middle, high)
+        cpu += spent
+    found = 0.5 * (low + high)
+    calmer = np.exp((found if calm is None else calm) + CALM)
+    fell, tilt, _ = responses(stepped, base, calmer, step, options.threads)
+    tilt = np.where(fell, 0.0, tilt)
+    return {"margin": found.tolist(), "tilt": tilt.tolist(), "cpu_s": cpu}
 
 
 def rows_of(name: str, found: list[dict[str, Any]]) -> list[dict[str, str]]:
     """One row a step."""
-    fell = np.array([f["fell"] for f in found])
+    margin = np.array([f["margin"] for f in found])
     tilt = np.array([f["tilt"] for f in found])
-    cpu = np.array([f["cpu_s"] for f in found]).sum(axis=0)
-    n = fell.shape[2]
+    cpu = [f["cpu_s"] for f in found]
+    width = (ENDS[1] - ENDS[0]) / 2**HALVINGS
+    sought = (margin > ENDS[0] + width) & (margin < ENDS[1] - width)
     rows = []
     for k, step in enumerate(STEPS):
-        difference = fell[:, k].mean(axis=1) - fell[:, 0].mean(axis=1)
-        flipped = (fell[:, k] != fell[:, 0]).mean(axis=1)
-        variance = np.maximum(flipped + 1 / n - difference**2, 1 / n) / n
-        rocked = ~fell[:, k] & ~fell[:, 0] & (np.minimum(tilt[:, k], tilt[:, 0]) > MOVED)
-        ratio = np.log(tilt[:, k][rocked] / tilt[:, 0][rocked])
+        # Of each record the mean over the replicates whose margin lies within the ends at both.
+        both = sought[k] & sought[0]
+        change = np.where(both, margin[k] - margin[0], np.nan)
+        by_record = np.nanmean(change[both.any(axis=1)], axis=1)
+        rocked = np.minimum(tilt[k], tilt[0]) > MOVED
+        ratio = np.log(tilt[k][rocked] / tilt[0][rocked])
         rows.append(
             {
                 "scene": name,
                 "time_step_ms": f"{1e3 * step:g}",
-                "records": str(len(found)),
-                "replicates": str(n),
-                "overturned": f"{fell[:, k].mean():.4f}",
-                "difference": f"{difference.mean():+.4f}",
-                "standard_error": f"{math.sqrt(variance.sum()) / len(found):.4f}",
-                "outcomes_that_differ": f"{flipped.mean():.4f}",
+                "records": str(len(by_record)),
+                "replicates": str(margin.shape[2]),
+                "margin_change": f"{by_record.mean():+.4f}",
+                "standard_error": f"{by_record.std(ddof=1) / math.sqrt(len(by_record)):.4f}",
+                "margin_scatter": f"{np.nanstd(change):.4f}",
                 "ln_tilt_median": f"{np.median(ratio):+.4f}",
                 "ln_tilt_size": f"{np.median(np.abs(ratio)):.4f}",
                 "cpu_over_1_ms": f"{cpu[k] / cpu[STEPS.index(0.001)]:.2f}",
@@ -96,9 +150,19 @@ def rows_of(name: str, found: list[dict[str, Any]]) -> list[dict[str, str]]:
 
 def main() -> None:
     """Run what parts are missing and write the table."""
-    options = options_of(__doc__, "time_step", records=40, replicates=50)
+    options = options_of(__doc__, "time_step", records=150, replicates=2)
     rows: list[dict[str, str]] = []
-    for name, found in by_scene(options, "quiet", partial(ensembles, options=options)):
+    for name in options.scenes:
+        folder = options.parts / f"{name}_{options.records}_{options.replicates}"
+        folder.mkdir(parents=True, exist_ok=True)
+        given = scene(name, "quiet")
+        pose = part(folder / "start.json", partial(settled, given))
+        base = Pose(tuple(pose["position"]), tuple(pose["orientation"]))
+        found: list[dict[str, Any]] = []
+        for step in STEPS:
+            calm = np.array(found[0]["margin"]) if found else None
+            make = partial(margins, given, base, step, options, calm)
+            found.append(part(folder / f"step_{1e3 * step:g}.json", make))
         rows += rows_of(name, found)
         for row in rows[-len(STEPS) :]:
             print(*row.values(), flush=True)

@@ -69,6 +69,7 @@ def test_all_verbs_are_there() -> None:
         ),
         *("blind", "blind make", "blind diagnose", "blind score"),
         *("config", "config check", "config import-ros2", "config reference", "config schema"),
+        "config time-step",
     }
 
 

@@ -19,9 +19,9 @@ GOES_ON = {
 """Verbs that keep unfinished work."""
 READS_A_STUDY = {
     *("run", "calibrate", "fragility", "diagnose", "config check", "blind make"),
-    *("campaign simulate", "campaign compare", "campaign predict"),
+    *("campaign simulate", "campaign compare", "campaign predict", "config time-step"),
 }
-SIMULATES = {*GOES_ON, "campaign compare"} - {"blind make"}
+SIMULATES = {*GOES_ON, "campaign compare", "config time-step"} - {"blind make"}
 """In threads of the core; the engines of packs are asked one trial at a time."""
 
 

@@ -47,7 +47,7 @@ QUIET = Source(
 )
 GRAVITY = Source("standard gravity 9.80665, rounded as in the original system")
 TIME_STEP = Source(
-    "supplement S1.2; 0.5 ms is nearer to convergence "
+    "supplement S1.2; thresholds of overturning are within 2 % of those at 0.25 ms "
     "([measured](../validation/engines.md#what-a-time-step-costs))"
 )
 EVERY_SWEEP = Source("every sweep is made, so that no result hangs on a tolerance")

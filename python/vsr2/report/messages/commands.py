@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from vsr2.diagnosis.reference_campaign import Agreement
     from vsr2.effects import Effect, Parameter
     from vsr2.results import BatchResult
-    from vsr2.simulation import BatchEstimate
+    from vsr2.simulation import BatchEstimate, TimeStepError
     from vsr2.simulation.bench import Rock
     from vsr2.simulation.effect_checks import EffectReport, Liveness
     from vsr2.trial import Trial
@@ -280,6 +280,35 @@ def batch_estimate(estimate: BatchEstimate, folder: Path) -> str:
         f"would write {_size(estimate.table_bytes)} of tables and at most "
         f"{_size(estimate.log_bytes)} of logs into {folder}"
     )
+
+
+def time_step_table(found: Sequence[TimeStepError], longest: float | None, tolerance: float) -> str:
+    """What time steps cost, and which keeps a tolerance."""
+    rows = [["time step [ms]", "motions", "margin", "standard error", "scatter", "CPU [ms]"]]
+    rows += [
+        [
+            f"{1e3 * one.time_step:g}", str(one.motions), f"{one.margin_change:+.4f}",
+            f"{one.standard_error:.4f}", f"{one.scatter:.4f}", f"{1e3 * one.cpu_time:.1f}",
+        ]
+        for one in found
+    ]  # fmt: skip
+    lines = [
+        table(rows),
+        "",
+        f"margin: mean change, against {1e3 * found[0].time_step:g} ms, of the logarithm of the "
+        "factor on a motion at which the rock overturns. Above zero it overturns too late.",
+    ]
+    if longest is None:
+        lines.append(
+            f"No step surely keeps {tolerance:g}. More motions or --replicates make the standard "
+            "errors smaller."
+        )
+    else:
+        lines.append(
+            f"{1e3 * longest:g} ms is the longest step that surely keeps {tolerance:g}: "
+            f"--set engine.time_step={longest:g}"
+        )
+    return "\n".join(lines)
 
 
 def _size(size: float) -> str:

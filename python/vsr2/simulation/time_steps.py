@@ -1,0 +1,216 @@
+"""What a time step costs in truth, for the scene and the motions of a study."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.config import Study
+from vsr2.errors import SimulationError
+from vsr2.results import BatchResult
+from vsr2.scene import Pose
+from vsr2.scene.rotation import multiply, yaw_quaternion
+from vsr2.simulation.batch import run_batch
+from vsr2.simulation.planning import check_trials, study_trials
+from vsr2.trial import Trial, rows_only
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class TimeStepConstants:
+    """How time steps are compared; chosen by hand.
+
+    Attributes:
+        steps: that are compared by default, the first with all others [s].
+        motions: of a study that are used at most, evenly over its order.
+        replicates: starts of each motion.
+        place: standard deviation of a start's place along x and y [m]; of its turn about the
+            vertical [rad]. Far above rounding and far below what a set-up repeats to: responses
+            part, and stay those of the same trial.
+        reach: greatest size of a margin.
+        halvings: of that range, so that a margin is good to 0.01.
+        fewest: motions with a margin, below which nothing is said.
+        errors: standard errors that an estimate may be off by, where a tolerance is to hold.
+    """
+
+    steps: tuple[float, ...] = (0.00025, 0.0005, 0.001, 0.002, 0.004)
+    motions: int = 100
+    replicates: int = 2
+    place: float = 1e-4
+    reach: float = 1.0
+    halvings: int = 7
+    fewest: int = 8
+    errors: float = 2.0
+
+
+TIME_STEPS = TimeStepConstants()
+
+
+@dataclass(frozen=True)
+class TimeStepError:
+    """What one time step costs.
+
+    Attributes:
+        time_step: [s].
+        motions: number that have a margin at this step and at the least one.
+        margin_change: mean change of the margin against the least step; above zero, rocks overturn
+            later than they should.
+        standard_error: of that mean, over motions.
+        scatter: standard deviation of the change in single trials.
+        cpu_time: of a trial [s].
+    """
+
+    time_step: float
+    motions: int
+    margin_change: float
+    standard_error: float
+    scatter: float
+    cpu_time: float
+
+    def within(self, tolerance: float) -> bool:
+        """Whether the mean margin surely changes by no more than a tolerance."""
+        return abs(self.margin_change) + TIME_STEPS.errors * self.standard_error <= tolerance
+
+
+def longest_time_step(found: Sequence[TimeStepError], tolerance: float) -> float | None:
+    """The longest time step that keeps a tolerance, as all shorter ones do [s]; None: none does.
+
+    Args:
+        found: by rising time step, the first the one that others were compared with.
+        tolerance: of the mean margin: 0.02 are 2 % in the strength of a motion.
+    """
+    out = None
+    for one in found[1:]:
+        if not one.within(tolerance):
+            break
+        out = one.time_step
+    return out
+
+
+def compare_time_steps(
+    study: Study,
+    steps: Sequence[float] = TIME_STEPS.steps,
+    *,
+    replicates: int = TIME_STEPS.replicates,
+    threads: int | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> list[TimeStepError]:
+    """Overturning margins of a study's trials at several time steps.
+
+    A margin is the logarithm of the factor on a motion at which the rock overturns, sought by
+    halving from 1 / e to e times the motion. All steps see the same motions, resampled in time, and
+    the same starts. Responses are chaotic near the boundary, so single trials differ at any two
+    steps; their mean tells what a step costs. A comparison of overturned shares does not: trials
+    that are borderline at one step are less so at all others.
+
+    Args:
+        study: its scene, effects and motions; its own time step counts for nothing.
+        steps: time steps, of which the least is the truth [s].
+        replicates: starts of each motion.
+        threads: as of :func:`vsr2.run_batch`.
+        progress: called with batches done and all.
+
+    Returns:
+        One row a step, rising.
+
+    Raises:
+        ConfigError, GeometryError, MotionError, SimulationError: the study cannot be run at a step,
+            or too few of its motions have a margin within the range.
+        KeyboardInterrupt: Ctrl-C came.
+    """
+    ordered = sorted(set(steps))
+    if len(ordered) < 2 or ordered[0] <= 0:
+        raise SimulationError(f"time steps {list(steps)}: give at least two, each above 0 s")
+    if replicates < 1:
+        raise SimulationError(f"replicates is {replicates}; give at least 1")
+    batches = len(ordered) * TIME_STEPS.halvings
+    margins, cpu = [], []
+    for k, step in enumerate(ordered):
+
+        def done(halvings: int, before: int = k * TIME_STEPS.halvings) -> None:
+            if progress is not None:
+                progress(before + halvings, batches)
+
+        trials = _replicated(study, step, replicates)
+        found, seconds = _margins(trials, threads, done)
+        margins.append(found.reshape(-1, replicates))
+        cpu.append(seconds)
+    rows = []
+    for step, margin, seconds in zip(ordered, margins, cpu, strict=True):
+        change = margin - margins[0]
+        own = [row[np.isfinite(row)].mean() for row in change if np.isfinite(row).any()]
+        if len(own) < TIME_STEPS.fewest:
+            raise SimulationError(
+                f"study {study.name!r}: {len(own)} of {len(margin)} motions overturn the rock at "
+                f"a strength between 1/e and e times their own; a comparison needs "
+                f"{TIME_STEPS.fewest}; give more motions, or scale them (motion.scale) to where "
+                "the rock overturns"
+            )
+        error = float(np.std(own, ddof=1)) / np.sqrt(len(own))
+        rows.append(
+            TimeStepError(
+                step, len(own), float(np.mean(own)), float(error), float(np.nanstd(change)), seconds
+            )
+        )
+    return rows
+
+
+def _replicated(study: Study, step: float, replicates: int) -> list[Trial]:
+    """Trials at a time step, each motion with its starts in turn."""
+    engine = study.engine.model_copy(update={"time_step": step})
+    trials = study_trials(study.model_copy(update={"engine": engine}))
+    kept = np.linspace(0, len(trials) - 1, min(TIME_STEPS.motions, len(trials))).astype(int)
+    out = []
+    for i in kept:
+        trial = trials[i]
+        start = trial.start or trial.scene.rock.start
+        x, y, z = start.position
+        for replicate in range(replicates):
+            draws = np.random.default_rng([study.seed, int(i), replicate]).standard_normal(3)
+            dx, dy, turn = (TIME_STEPS.place * draws).tolist()
+            turned = multiply(yaw_quaternion(turn), start.orientation)
+            out.append(
+                replace(
+                    trial,
+                    start=Pose((x + dx, y + dy, z), turned),
+                    output=rows_only(trial.output),
+                )
+            )
+    check_trials(out)
+    return out
+
+
+def _margins(
+    trials: list[Trial], threads: int | None, done: Callable[[int], None]
+) -> tuple[Array, float]:
+    """Margins, NaN where none lies within the range or a trial failed, and CPU time a trial [s]."""
+    low, high = (np.full(len(trials), sign * TIME_STEPS.reach) for sign in (-1, 1))
+    failed = np.zeros(len(trials), dtype=bool)
+    began = time.process_time()
+    for halving in range(TIME_STEPS.halvings):
+        middle = 0.5 * (low + high)
+        scaled = [
+            replace(trial, motion=trial.motion.scaled(float(factor)))
+            for trial, factor in zip(trials, np.exp(middle), strict=True)
+        ]
+        found = run_batch(scaled, threads=threads, keep_logs=False)
+        if found.provenance["interrupted"]:
+            raise KeyboardInterrupt
+        failed |= ~found.judged
+        low, high = _halved(low, middle, high, found)
+        done(halving + 1)
+    spent = (time.process_time() - began) / (len(trials) * TIME_STEPS.halvings)
+    margin = 0.5 * (low + high)
+    width = 2 * TIME_STEPS.reach / 2**TIME_STEPS.halvings
+    beyond = np.abs(margin) > TIME_STEPS.reach - width
+    return np.where(failed | beyond, np.nan, margin), spent
+
+
+def _halved(low: Array, middle: Array, high: Array, found: BatchResult) -> tuple[Array, Array]:
+    fell = found.overturned
+    return np.where(fell, low, middle), np.where(fell, middle, high)
