@@ -79,10 +79,10 @@ def read_round(path: Path) -> object:
     return _finished(beside(path, FILE), study, DIGEST)
 
 
-def read_posterior(path: Path) -> None:
+def read_posterior(path: Path) -> object:
     from vsr2.diagnosis.posterior.files import load_posterior
 
-    load_posterior(path, chosen_library())
+    return load_posterior(path, chosen_library(), (2, 1))
 
 
 READ: dict[str, Callable[[Path], object]] = {
@@ -209,30 +209,36 @@ def posterior(path: Path) -> bytes:
     from vsr2.diagnosis.posterior.sets import Sets, declared_alike
     from vsr2.diagnosis.posterior.summaries import Standard, Summaries
     from vsr2.diagnosis.posterior.training import Posterior
+    from vsr2.diagnosis.simulated.library import free_parameters
 
     library = chosen_library()
     sets = Sets(NAMES)
-    ones = np.ones((3, 2))
-    row = np.array([0, 2])
+    # 2 trials with a feature each, so 4 columns; 3 discriminants; 3 + 3 * 2 summaries.
+    columns, row = np.ones((3, 4)), np.array([0, 2])
+    summaries = np.ones(9)
+    free = {name: len(free_parameters(effect)) for name, effect in library.items()}
     save_posterior(
         Posterior(
             sets=sets,
-            standard=Standard(np.full(3, 0.5), ones, ones),
-            summaries=Summaries(np.ones((2, 9, 2)), ones, ones, ones[0], row - 1, 3),
-            centre=ones[0],
-            scale=ones[0],
-            networks=(Network(sets, [ones], [ones[0]]),),
+            standard=Standard(np.full(2, 0.5), np.ones((2, 1)), np.ones((2, 1))),
+            summaries=Summaries(
+                np.ones((2, 4, 3)), np.ones((2, 3)), columns, np.ones(3), np.array([0, 1, -1]), 2
+            ),
+            centre=summaries,
+            scale=summaries,
+            # As many inputs as summaries and effects, and outputs of which the sets are made.
+            networks=(Network(sets, [np.ones((11, 7))], [np.ones(7)]),),
             levels=Levels(1.0, 0.2, 0.5, 0.5, 0.9, 0.05, 0.6, 0.7),
             parameters=Parameters(
                 library,
-                ones.astype(np.float32),
+                columns.astype(np.float32),
                 dict.fromkeys(NAMES, row),
-                dict.fromkeys(NAMES, ones),
+                {name: np.ones((2, count)) for name, count in free.items()},
             ),
             alike=declared_alike(library),
-            gap_free=ones,
-            misfits=ones[0],
-            library_fit=LibraryFit(ones[0], ones[0]),
+            gap_free=columns,
+            misfits=np.ones(3),
+            library_fit=LibraryFit(np.ones(3), np.ones(3)),
             campaigns=150,
         ),
         path,

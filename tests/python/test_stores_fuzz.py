@@ -1,11 +1,13 @@
 """The fuzz command over stores of finished work: it runs clean, and its files are sound."""
 
+import io
 import json
 import subprocess
 import sys
 import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from vsr2.errors import ResultError
@@ -50,6 +52,86 @@ def test_a_posterior_of_a_torn_header_is_damaged(seeds, tmp_path) -> None:
                 assert member != source.read(name)
             target.writestr(name, member)
     with pytest.raises(ResultError, match=r"input\.posterior: damaged \(.+\); remove it"):
+        fuzz.read_posterior(path)
+
+
+def test_a_posterior_that_was_read_answers(seeds, tmp_path) -> None:
+    path = tmp_path / "input.posterior"
+    path.write_bytes(seeds[".posterior"])
+    posterior = fuzz.read_posterior(path)
+    found = posterior.infer(np.array([0.0, 1.0]), np.zeros((2, 1)))
+    assert found.probability.sum() == pytest.approx(1.0)
+    for name in fuzz.NAMES:
+        assert np.isfinite(posterior.parameters.sample(name, found.residuals)).all()
+
+
+def altered_posterior(sound: bytes, changes: dict, about: dict | None = None) -> bytes:
+    """A posterior's file with other arrays, None for none, and other keys of `about`."""
+    with np.load(io.BytesIO(sound)) as file:
+        arrays = dict(file.items())
+    arrays["about"] = np.array(json.dumps(json.loads(str(arrays["about"])) | (about or {})))
+    arrays = {k: v for k, v in (arrays | changes).items() if v is not None}
+    stream = io.BytesIO()
+    np.savez(stream, **arrays)
+    return stream.getvalue()
+
+
+NAN = np.array([1.0, np.nan, 1.0])
+ARRAYS = {
+    "probability": (np.array([0.5, 0.0]), r"array probability holds 0\.0 at \(1,\), .* above 0"),
+    "standard_scatter": (np.ones((2, 2, 1)), r"has the shape \(2, 2, 1\), wanted is \(2, 1\)"),
+    "coefficients": (np.ones((2, 3, 3)), r"has the shape \(2, 3, 3\), wanted is \(2, 4, 3\)"),
+    "intercepts": (np.ones((0, 3)), r"array intercepts is empty"),
+    "reproduction": (np.array(["a"]), "array reproduction is of type <U1"),
+    "deviation": (NAN, r"array deviation holds nan at \(1,\)"),
+    "effect": (np.array([0, 2, -1]), r"array effect holds 2 at \(1,\), wanted is from -1 to 1"),
+    "centre": (np.ones(8), r"has the shape \(8,\), wanted is \(9\)"),
+    "scale": (np.zeros(9), "array scale holds 0.0"),
+    "weight 0 0": (np.ones((9, 7)), r"weight 0 0 has the shape \(9, 7\), wanted is \(11, 7\)"),
+    "bias 0 0": (None, "array bias 0 0 is missing"),
+    "gap_free": (np.full((3, 4), np.inf), "array gap_free holds inf"),
+    "misfits": (np.array([1, None], dtype=object), "allow_pickle=False"),
+    "library_fit_unexplained": (np.ones(2), r"has the shape \(2,\), wanted is \(3\)"),
+    "residuals": (None, "array residuals is missing"),
+    "rows friction": (np.array([0, 3]), r"rows friction holds 3 at \(1,\), wanted is from 0 to 2"),
+    "values wear": (np.ones((1, 1)), r"array values wear has the shape"),
+}  # fmt: skip
+KEYS = {
+    "networks": (0, "key networks is 0, wanted is a whole number"),
+    "layers": (2, "array weight 0 0 has the shape|array weight 0 1 is missing"),
+    "trials": (3, "key trials is 3, and the campaign has 2"),
+    "campaigns": (True, "key campaigns is True"),
+    "most": ("two", "key most is 'two'"),
+    "levels": ({"temperature": 1.0}, r"key levels has \['temperature'\]"),
+}
+
+
+@pytest.mark.parametrize("name", [*ARRAYS, *KEYS])
+def test_a_posterior_with_another_array_or_key_is_damaged(name, seeds, tmp_path) -> None:
+    path = tmp_path / "input.posterior"
+    value, message = (ARRAYS | KEYS)[name]
+    changes, about = ({name: value}, {}) if name in ARRAYS else ({}, {name: value})
+    path.write_bytes(altered_posterior(seeds[".posterior"], changes, about))
+    with pytest.raises(ResultError, match=rf"input\.posterior: damaged \(.*({message}).*remove it"):
+        fuzz.read_posterior(path)
+
+
+@pytest.mark.parametrize("value", [0.0, -1.0, "1", True, float("nan")])
+def test_a_posterior_s_temperature_is_a_number_above_0(value, seeds, tmp_path) -> None:
+    path = tmp_path / "input.posterior"
+    with np.load(io.BytesIO(seeds[".posterior"])) as file:
+        levels = json.loads(str(file["about"]))["levels"]
+    about = {"levels": levels | {"temperature": value}}
+    path.write_bytes(altered_posterior(seeds[".posterior"], {}, about))
+    with pytest.raises(ResultError, match=r"key levels\.temperature is .*, wanted is"):
+        fuzz.read_posterior(path)
+
+
+@pytest.mark.parametrize("left", [0.3, 0.9])
+def test_a_posterior_that_is_cut_short_is_damaged(left, seeds, tmp_path) -> None:
+    path = tmp_path / "input.posterior"
+    path.write_bytes(seeds[".posterior"][: int(left * len(seeds[".posterior"]))])
+    with pytest.raises(ResultError, match=r"input\.posterior: damaged \(.*\); remove it"):
         fuzz.read_posterior(path)
 
 

@@ -297,7 +297,7 @@ class _Work:
     def posterior(self, found: Look) -> Posterior:
         """Simulated campaigns until the budget is spent, and what is learnt from them."""
         trials = found.responding
-        known = self._known(self.schedule.campaigns)
+        known = self._known(self.schedule.campaigns, trials.size)
         if known is not None:
             return known
         campaigns = plain_campaigns(self.store, trials, self.schedule.plain)
@@ -333,11 +333,12 @@ class _Work:
         self.notify(Stage.SIMULATION, share, found, posterior, left_s)
         _logger.debug("%d campaigns after %.0f s", done, budget)
 
-    def _known(self, campaigns: int | None) -> Posterior | None:
-        """What an earlier diagnosis learnt from so many campaigns."""
+    def _known(self, campaigns: int | None, trials: int) -> Posterior | None:
+        """What an earlier diagnosis learnt from so many campaigns of so many trials."""
         if self.cache is None or campaigns is None:
             return None
-        return load_posterior(self._path(self.cache, campaigns), self.store.simulator.library)
+        path, library = self._path(self.cache, campaigns), self.store.simulator.library
+        return load_posterior(path, library, (trials, self.seen.features.shape[-1]))
 
     def _path(self, cache: ProtocolCache, campaigns: int) -> Path:
         asked = self.question
@@ -346,7 +347,7 @@ class _Work:
         )
 
     def _trained(self, campaigns: Campaigns, trials: NDArray[np.int64], done: int) -> Posterior:
-        known = self._known(done)
+        known = self._known(done, trials.size)
         if known is not None:
             return known
         started = time.monotonic()

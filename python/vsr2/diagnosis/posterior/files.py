@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import json
-from dataclasses import asdict
+from collections.abc import Mapping
+from dataclasses import asdict, fields
+from math import isfinite
 from pathlib import Path
 from typing import Any
 
@@ -11,13 +13,14 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.posterior.calibration import Levels
+from vsr2.diagnosis.posterior.file_arrays import FileArrays
 from vsr2.diagnosis.posterior.goodness_of_fit import LibraryFit
 from vsr2.diagnosis.posterior.network import Network
 from vsr2.diagnosis.posterior.parameters import Parameters
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
 from vsr2.diagnosis.posterior.summaries import Standard, Summaries
 from vsr2.diagnosis.posterior.training import Posterior
-from vsr2.diagnosis.simulated.library import Library
+from vsr2.diagnosis.simulated.library import Library, free_parameters
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
@@ -68,15 +71,18 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
     write_atomic(path, lambda file: np.savez(file, about=about, **arrays))  # type: ignore[arg-type]
 
 
-def load_posterior(path: Path, library: Library) -> Posterior | None:
+def load_posterior(
+    path: Path, library: Library, campaign: tuple[int, int] | None = None
+) -> Posterior | None:
     """Read a posterior; None: there is none.
 
     Args:
         path: of the file.
         library: the same effects as at its training.
+        campaign: numbers of trials and of features that it is asked about; None: any.
 
     Raises:
-        ResultError: it is damaged.
+        ResultError: it is damaged, or of another campaign; names array, value and remedy.
     """
     if not path.exists():
         return None
@@ -85,45 +91,117 @@ def load_posterior(path: Path, library: Library) -> Posterior | None:
             about = json.loads(str(file["about"]))
             if about["format"] != FORMAT or tuple(about["names"]) != tuple(library):
                 return None
-            sets = Sets(tuple(about["names"]), about["most"])
-            networks = tuple(
-                Network(
-                    sets,
-                    [file[f"weight {k} {layer}"] for layer in range(about["layers"])],
-                    [file[f"bias {k} {layer}"] for layer in range(about["layers"])],
-                )
-                for k in range(about["networks"])
-            )
-            held = [name for name in sets.names if f"rows {name}" in file]
-            return Posterior(
-                sets=sets,
-                standard=Standard(
-                    file["probability"], file["standard_centre"], file["standard_scatter"]
-                ),
-                summaries=Summaries(
-                    file["coefficients"], file["intercepts"], file["reproduction"],
-                    file["deviation"], file["effect"], about["trials"],
-                ),
-                centre=file["centre"],
-                scale=file["scale"],
-                networks=networks,
-                levels=Levels(**about["levels"]),
-                parameters=Parameters(
-                    library,
-                    file["residuals"],
-                    {name: file[f"rows {name}"] for name in held},
-                    {name: file[f"values {name}"] for name in held},
-                ),
-                alike=declared_alike(library),
-                gap_free=file["gap_free"],
-                misfits=file["misfits"],
-                library_fit=LibraryFit(
-                    file["library_fit_size"], file["library_fit_unexplained"]
-                ),
-                campaigns=about["campaigns"],
-            )  # fmt: skip
+            return _checked(file, about, library, campaign)
     except Exception as error:  # a damaged archive raises what zipfile and numpy happen to raise
         reason = ascii(str(error))[1:-1][:200]
         raise ResultError(
             f"{path}: damaged ({reason}); remove it, and the posterior is trained again"
         ) from None
+
+
+def _checked(
+    file: Mapping[str, Any],
+    about: Mapping[str, Any],
+    library: Library,
+    campaign: tuple[int, int] | None,
+) -> Posterior:
+    """The posterior in a file.
+
+    Raises:
+        ValueError: names array or key, value and what is wanted.
+    """
+    sets = Sets(tuple(library), _count(about, "most"))
+    known = {"trials": _count(about, "trials"), "effects": len(library)}
+    if campaign is not None:
+        known["features"] = campaign[1]
+        if campaign[0] != known["trials"]:
+            raise ValueError(
+                f"key trials is {known['trials']}, and the campaign has {campaign[0]} that respond"
+            )
+    # A campaign of outcomes alone has no features.
+    arrays = FileArrays(file, known, may_be_zero=("features",))
+    standard = Standard(
+        arrays.numbers("probability", "trials", above=0.0),
+        arrays.numbers("standard_centre", "trials", "features"),
+        arrays.numbers("standard_scatter", "trials", "features", above=0.0),
+    )
+    channels = 1 + arrays.size("features")
+    columns = channels * arrays.size("trials")
+    summaries = Summaries(
+        arrays.numbers("coefficients", "folds", columns, "targets"),
+        arrays.numbers("intercepts", "folds", "targets"),
+        arrays.numbers("reproduction", "targets", columns),
+        arrays.numbers("deviation", "targets", above=0.0),
+        arrays.indices("effect", "targets", least=-1, below=len(library)),
+        known["trials"],
+    )
+    # Discriminants, two sizes of residuals and a mean for each channel: see `Summaries.complete`.
+    count = arrays.size("targets") + 3 * channels
+    return Posterior(
+        sets=sets,
+        standard=standard,
+        summaries=summaries,
+        centre=arrays.numbers("centre", count),
+        scale=arrays.numbers("scale", count, above=0.0),
+        networks=tuple(
+            _network(arrays, sets, k, _count(about, "layers"), count)
+            for k in range(_count(about, "networks"))
+        ),
+        levels=_levels(about["levels"]),
+        parameters=_parameters(arrays, library, columns),
+        alike=declared_alike(library),
+        gap_free=arrays.numbers("gap_free", "plain", columns),
+        misfits=arrays.numbers("misfits", "misfits"),
+        library_fit=LibraryFit(
+            arrays.numbers("library_fit_size", "fits"),
+            arrays.numbers("library_fit_unexplained", "fits"),
+        ),
+        campaigns=_count(about, "campaigns"),
+    )
+
+
+def _network(arrays: FileArrays, sets: Sets, k: int, layers: int, summaries: int) -> Network:
+    """One network, from summaries and effects that are left out to what the sets are made of."""
+    inputs = summaries + len(sets.names)
+    weights, biases = [], []
+    for layer in range(layers):
+        outputs: str | int = f"units {k} {layer}"
+        if layer == layers - 1:
+            outputs = 2 * len(sets.names) + 1 + len(sets.by_size)
+        weights.append(arrays.numbers(f"weight {k} {layer}", inputs, outputs))
+        biases.append(arrays.numbers(f"bias {k} {layer}", outputs))
+        inputs = weights[-1].shape[1]
+    return Network(sets, weights, biases)
+
+
+def _parameters(arrays: FileArrays, library: Library, columns: int) -> Parameters:
+    """Campaigns in which effects act, and the values of these."""
+    residuals = arrays.numbers("residuals", "acting", columns)
+    rows, values = {}, {}
+    for name, effect in library.items():
+        if f"rows {name}" in arrays:
+            rows[name] = arrays.indices(f"rows {name}", f"of {name}", least=0, below=len(residuals))
+            count = len(free_parameters(effect))
+            values[name] = arrays.numbers(f"values {name}", f"of {name}", count)
+    return Parameters(library, residuals.astype(np.float32, copy=False), rows, values)
+
+
+def _levels(content: Mapping[str, Any]) -> Levels:
+    """Calibrated levels, all of them numbers."""
+    names = [one.name for one in fields(Levels)]
+    if sorted(content) != sorted(names):
+        raise ValueError(f"key levels has {sorted(content)}, wanted is {sorted(names)}")
+    for name, value in content.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+            raise ValueError(f"key levels.{name} is {value!r}, wanted is a finite number")
+    if content["temperature"] <= 0:
+        raise ValueError(f"key levels.temperature is {content['temperature']}, wanted is above 0")
+    return Levels(**content)
+
+
+def _count(about: Mapping[str, Any], key: str) -> int:
+    """A whole number of at least 1."""
+    value = about[key]
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError(f"key {key} is {value!r}, wanted is a whole number of at least 1")
+    return value
