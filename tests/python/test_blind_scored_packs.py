@@ -167,10 +167,32 @@ def test_a_missing_diagnosis_is_refused_before_the_receipt(pack, tmp_path) -> No
     assert scores[ScoreCode.UNRESOLVED].value == pytest.approx(2 / 9)
 
 
-def test_diagnoses_of_another_pack_are_refused(pack, tmp_path) -> None:
-    (pack[2] / "submission.json").write_text('{"pack": "abc"}')
-    with pytest.raises(BlindError, match="another pack"):
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        ('{"pack": "abc"}', "pack is 'abc': the diagnoses are of another pack"),
+        ('{"pack": null}', "pack is None: the diagnoses are of another pack"),
+        ('{"pack": 1e400}', "is no JSON"),
+        ("[]", "holds no mapping"),
+        ("{", "is no JSON"),
+    ],
+)
+def test_diagnoses_of_another_pack_are_refused(content, message, pack, tmp_path) -> None:
+    (pack[2] / "submission.json").write_text(content)
+    with pytest.raises(BlindError, match=rf"submission\.json: {message}.*; "):
         score_pack(*pack, tmp_path / "scores")
+    assert not (tmp_path / "scores").exists()
+
+
+@pytest.mark.parametrize("left", [{}, {"submission": 7}, {"submission": "0" * 64}])
+def test_a_receipt_altered_by_hand_scores_nothing(left, pack, tmp_path) -> None:
+    score_pack(*pack, tmp_path / "scores")
+    receipt = pack[1] / "receipt.json"
+    receipt.write_text(json.dumps(left))
+    with pytest.raises(BlindError, match=r"receipt\.json: the pack was scored on .* a new one"):
+        score_pack(*pack, tmp_path / "again")
+    assert json.loads(receipt.read_text()) == left
+    assert not (tmp_path / "again").exists()
 
 
 @pytest.mark.parametrize(

@@ -32,6 +32,7 @@ from vsr2.blind.form.seal import (
 from vsr2.campaign import TIERS, Campaign, Tier, load_campaign
 from vsr2.codes import Statement
 from vsr2.config import load_study
+from vsr2.config.problems import shown
 from vsr2.diagnosis import (
     Budget,
     Diagnosis,
@@ -52,6 +53,7 @@ from vsr2.errors import BlindError, Vsr2Error
 
 SUBMISSION_SCHEMA = "vsr2.blind-submission/1"
 SUBMISSION = "submission.json"
+_REMEDY = "get it back from a copy, or choose another folder"
 BUDGET, EXECUTION = Budget(campaigns=2000), Execution()
 
 
@@ -364,24 +366,41 @@ def _older(out: Path, pack: Pack, how: Mapping[str, Any]) -> str:
     """With how much less the folder was begun, as `300-campaigns`; "": with the same, or not yet.
 
     Raises:
-        BlindError: it was begun for another pack or otherwise, or with more.
+        BlindError: it was begun for another pack or otherwise, or with more, or a value is none
+            that a run writes.
     """
     path = out / SUBMISSION
     if not path.exists():
         return ""
-    there = read_json(path)
+    try:
+        there = read_json(path)
+    except BlindError:
+        raise BlindError(
+            f"{path}: cannot be read; it says of which pack the diagnoses are: {_REMEDY}"
+        ) from None
     older = ""
     for key, mine in _submission(pack, how).items():
         before = there.get(key)
-        effort = isinstance(before, (int, float)) and key != "seed"
+        # With minutes a folder has no campaigns, and the other way round.
+        if key in there and not _is_like(before, mine):
+            raise BlindError(f"{path}: {key} is {shown(before)}, which no run writes; {_REMEDY}")
+        effort = type(mine) in (int, float) and key != "seed" and before is not None
         if effort and before < mine:
             older = f"{before:g}-{key}"
         elif before != mine:
             raise BlindError(
-                f"{path}: was begun with {key} {before!r}, not {mine!r}; continue "
+                f"{path}: was begun with {key} {shown(before)}, not {mine!r}; continue "
                 "with the same (campaigns and minutes may rise), or choose another folder"
             )
     return older
+
+
+def _is_like(before: object, mine: object) -> bool:
+    """Whether a value is of the kind that a run writes."""
+    if isinstance(mine, (bool, str)):
+        return type(before) is type(mine)
+    number = isinstance(before, (int, float)) and not isinstance(before, bool)
+    return number and 0 <= before < math.inf  # type: ignore[operator]
 
 
 def _begin(out: Path, pack: Pack, how: Mapping[str, Any], older: str) -> None:

@@ -122,7 +122,9 @@ def read_cases(
     submission = read_json(diagnoses / "submission.json")
     if submission.get("pack") != pack.commitment.sha256:
         raise BlindError(
-            f"{diagnoses / 'submission.json'}: the diagnoses are of another pack than {data}"
+            f"{diagnoses / 'submission.json'}: pack is {shown(submission.get('pack'))}: the "
+            f"diagnoses are of another pack than {data}, whose hash is "
+            f"{pack.commitment.sha256}; name the pack that they are of"
         )
     if tiers is None:
         tiers = pack.tiers
