@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Any
 
-from vsr2.diagnosis import SCHEMA
+from vsr2.diagnosis import SCHEMA, Diagnosis
 
 
 def estimate(value: float, half: float = 0.01) -> dict:
@@ -174,3 +174,26 @@ ROWS = tuple(
     }
     for name, session, order, pga, overturned, before, after, loss, after_loss in TRIALS
 )
+
+
+def named_throughout(name: str) -> Diagnosis:
+    """A diagnosis in which all that has a name bears this one."""
+    rows = [row | {"trial": name, "session": name} for row in ROWS]
+    repetition = {"trial": name, "information_per_repeat": 1.0, "repeats": 1}
+    measure = CONTENT["next_measurement"] | {"repetition": repetition, "splits": [name, "wear"]}
+    measure["others"] = [{"name": name, "instrument": "slack", "repetition": repetition}]
+    there = location({"pga": name, "pgv_pga": name}, name, name, name, 0.6, 0.01, trials=[name])
+    measure["out_of_library"] = {"trial": name, "tier": "M", "location": there}
+    content = CONTENT | {
+        "campaign": CONTENT["campaign"] | {"name": name, "tier": name},
+        "gap": CONTENT["gap"] | {"effects": [name]},
+        "verdict": CONTENT["verdict"] | {"effects": [name]},
+        "effects": [effect(name, 0.8, 0.8)],
+        "sets": [{"effects": [name], "probability": 0.8}],
+        "conformal_set_90": [name],
+        "where": [there],
+        "next_measurement": measure,
+        "provenance": {name: name},
+    }
+    content["effects"][0]["parameters"] = {name: content["effects"][0]["parameters"]["size"]}
+    return Diagnosis(content, tuple(rows))

@@ -15,6 +15,22 @@ NEEDS_BROWSER = pytest.mark.skipif(
     reason="needs a browser: apt-get install chromium chromium-driver, pip install selenium",
 )
 
+HOSTILE_NAMES = (
+    "<script>document.title='run'</script>",
+    "<img src=x onerror=\"document.title='run'\">",
+    "![seen](http://127.0.0.1:9/seen.png)",
+    "[here](javascript:document.title='run')",
+    "a | b | c",
+    "two\n\n# lines",
+    "&lt;b&gt;",
+)
+"""Names that a file of somebody else may hold; a page that takes one for markup gets another
+title, an image or a link."""
+MARKDOWN_FRAME = """<!doctype html><meta charset="utf-8"><title>{}</title>
+<meta name="viewport" content="width=device-width">
+<style>table {{ display: block; overflow: auto }} h3 {{ overflow-wrap: anywhere }}</style>{}"""
+"""As viewers of Markdown frame a page of a title: wide tables scroll by themselves."""
+
 
 def open_browser(size: tuple[int, int], *, draws_3d: bool = False) -> Any:
     """A driver of a browser that reaches this machine alone, `size` in pixels."""

@@ -8,7 +8,13 @@ from typing import Any
 
 import pytest
 
-from headless import NEEDS_BROWSER, open_browser, show_at
+from headless import (
+    HOSTILE_NAMES,
+    MARKDOWN_FRAME,
+    NEEDS_BROWSER,
+    open_browser,
+    show_at,
+)
 from vsr2.analysis.intervals import Score
 from vsr2.blind.scoring.leaks import Leak
 from vsr2.blind.scoring.score import ScoreCode
@@ -18,31 +24,19 @@ from vsr2.report.blind_page import scores_page
 markdown_it = pytest.importorskip("markdown_it")
 pytestmark = NEEDS_BROWSER
 
-HOSTILE = (
-    "<script>document.title='run'</script>",
-    "<img src=x onerror=\"document.title='run'\">",
-    "![seen](http://127.0.0.1:9/seen.png)",
-    "[here](javascript:document.title='run')",
-    "a | b | c",
-    "two\n\n# lines",
-    "&lt;b&gt;",
-)
-FRAME = """<!doctype html><meta charset="utf-8"><title>scores</title>
-<meta name="viewport" content="width=device-width">
-<style>table {{ display: block; overflow: auto }} h3 {{ overflow-wrap: anywhere }}</style>{}"""
-"""As viewers of Markdown frame a page: wide tables scroll by themselves."""
-
 
 @pytest.fixture(scope="module")
 def browser(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     score = {ScoreCode.ANSWER: Score(0.5, 0.25, 0.75, 10)}
-    scores = {("M", group): score for group in ("all", *(f"engine {name}" for name in HOSTILE))}
-    leaks = [[Leak("engine", 0.5, name, 0.5, 0.4, 20) for name in HOSTILE]]
+    scores = {
+        ("M", group): score for group in ("all", *(f"engine {name}" for name in HOSTILE_NAMES))
+    }
+    leaks = [[Leak("engine", 0.5, name, 0.5, 0.4, 20) for name in HOSTILE_NAMES]]
     text = scores_page(Scored(scores, [], [], False, leaks))
     # Raw HTML is taken over, as the least careful viewer does.
     html = markdown_it.MarkdownIt("commonmark", {"html": True}).enable("table").render(text)
     page: Path = tmp_path_factory.mktemp("page") / "scores.html"
-    page.write_text(FRAME.format(html))
+    page.write_text(MARKDOWN_FRAME.format("scores", html))
     driver = open_browser((1280, 800))
     driver.get(page.as_uri())
     yield driver
@@ -57,7 +51,7 @@ def found(browser: Any, selector: str) -> list[str]:
 def test_names_stay_text(browser: Any) -> None:
     assert browser.title == "scores"
     assert found(browser, "script, img, a, h1") == []
-    flat = [name.replace("\n", "?") for name in HOSTILE]
+    flat = [name.replace("\n", "?") for name in HOSTILE_NAMES]
     assert found(browser, "h3")[1 : 1 + len(flat)] == sorted(f"engine {name}" for name in flat)
     cells = found(browser, "table:last-of-type td:nth-child(3)")
     assert cells[-len(flat) :] == flat
@@ -68,7 +62,7 @@ def test_every_row_has_the_cells_of_its_head(browser: Any) -> None:
         "return [...document.querySelectorAll('table')].map("
         "one => [...one.rows].map(row => row.cells.length))"
     )
-    assert len(counts) == 2 + len(HOSTILE)
+    assert len(counts) == 2 + len(HOSTILE_NAMES)
     for rows in counts:
         assert len(set(rows)) == 1
 

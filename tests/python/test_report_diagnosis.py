@@ -17,7 +17,7 @@ from diagnosis_content import (
     ROWS,
     effect,
     estimate,
-    location,
+    named_throughout,
 )
 from vsr2.diagnosis import Diagnosis, schema
 from vsr2.diagnosis.verdict.document import CHECK_FILES
@@ -250,26 +250,7 @@ def test_trials_without_measures_are_reported() -> None:
 
 
 def test_hostile_names_stay_text() -> None:
-    bad = "<script>alert('x')</script>"
-    rows = [row | {"trial": bad, "session": bad} for row in ROWS]
-    repetition = {"trial": bad, "information_per_repeat": 1.0, "repeats": 1}
-    measure = CONTENT["next_measurement"] | {"repetition": repetition, "splits": [bad, "wear"]}
-    measure["others"] = [{"name": bad, "instrument": "slack", "repetition": repetition}]
-    there = location({"pga": bad, "pgv_pga": bad}, bad, bad, bad, 0.6, 0.01, trials=[bad])
-    measure["out_of_library"] = {"trial": bad, "tier": "M", "location": there}
-    content = CONTENT | {
-        "campaign": CONTENT["campaign"] | {"name": bad, "tier": bad},
-        "gap": CONTENT["gap"] | {"effects": [bad]},
-        "verdict": CONTENT["verdict"] | {"effects": [bad]},
-        "effects": [effect(bad, 0.8, 0.8)],
-        "sets": [{"effects": [bad], "probability": 0.8}],
-        "conformal_set_90": [bad],
-        "where": [there],
-        "next_measurement": measure,
-        "provenance": {bad: bad},
-    }
-    content["effects"][0]["parameters"] = {bad: content["effects"][0]["parameters"]["size"]}
-    page = diagnosis_page(Diagnosis(content, tuple(rows)))
+    page = diagnosis_page(named_throughout("<script>alert('x')</script>"))
     assert "<script" not in page.lower()
     assert page.count("&lt;script&gt;") > 15
 
