@@ -1,23 +1,26 @@
 """Kill a verb at random moments, resume it, and compare with an undisturbed run.
 
-    python scripts/kill_and_resume.py STUDY.yaml --work out/kills --seconds 600 [--seed 0]
+    python scripts/kill_and_resume.py STUDY.yaml --work out/kills --kills 200 [--seed 0]
 
 STUDY is a plain study; a diagnosis, a prediction and a pack have small work of their own. Each
 round takes a verb that keeps unfinished work, begins it in an empty folder, ends it by SIGKILL at a
-random moment, again and again with `--resume`, and lets it end. It must then hold, to the bit, what
-an undisturbed run wrote. Exit code 1: something differs, or a verb ended with an error. One line a
-round, and the number of kills at the end.
+random moment of its processor time, again and again with `--resume`, and lets it end. It must then
+hold, to the bit, what an undisturbed run wrote. Exit code 1: something differs, or a verb ended
+with an error. One line a round; the table `kills.csv` in the folder of --work is written after
+each. Needs Linux.
 """
 
 from __future__ import annotations
 
 import argparse
+import csv
+import os
 import random
+import resource
 import shutil
 import subprocess
 import sys
 import time
-from collections import Counter
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -67,6 +70,29 @@ PACK = (
     *("--signal-trials", "8", "--replicates", "6"),
 )
 """A pack of two small campaigns."""
+
+
+@dataclass
+class Row:
+    """Of a verb in the table.
+
+    Attributes:
+        usual_s: processor time of the undisturbed run [s].
+        files: number of files that are compared.
+        rounds: times it was begun anew.
+        kills: SIGKILLs.
+        with_work: kills that found something written.
+        wrong: rounds whose end differs from the undisturbed run, or is an error.
+        spent_s: duration of all rounds [s].
+    """
+
+    usual_s: float
+    files: int
+    rounds: int = 0
+    kills: int = 0
+    with_work: int = 0
+    wrong: int = 0
+    spent_s: float = 0.0
 
 
 @dataclass(frozen=True)
@@ -134,9 +160,14 @@ def start(words: tuple[str, ...], out: Path, *more: str) -> subprocess.Popen[byt
     return subprocess.Popen(line, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE)
 
 
+def kept(out: Path) -> tuple[Path, ...]:
+    """A folder, and what verbs keep beside it."""
+    return out, *(out.with_name(f"{out.name}{end}") for end in (".checkpoint", "-key"))
+
+
 def remove(out: Path) -> None:
     """A folder, and what verbs keep beside it."""
-    for left in (out, *(out.with_name(f"{out.name}{end}") for end in (".checkpoint", "-key"))):
+    for left in kept(out):
         shutil.rmtree(left, ignore_errors=True)
 
 
@@ -146,33 +177,83 @@ def content(verb: Verb, out: Path) -> dict[str, bytes]:
     return {str(path.relative_to(out)): path.read_bytes() for path in files}
 
 
-def disturbed(verb: Verb, out: Path, chance: random.Random, usual_s: float) -> tuple[int, str]:
-    """Kills of one round, and what went wrong; "": nothing."""
-    kills = 0
-    for more in [(), *[("--resume",)] * KILLS]:
+def disturbed(verb: Verb, out: Path, chance: random.Random, row: Row) -> str:
+    """One round, counted in `row`: what went wrong; "": nothing."""
+    row.rounds += 1
+    for left in reversed(range(KILLS + 1)):
         # Before the first file a resumed run begins, as it does without one.
-        child = start(verb.line, out, *more)
-        try:
-            said = child.communicate(
-                timeout=chance.uniform(0.0, usual_s) if kills < KILLS else None
-            )
-        except subprocess.TimeoutExpired:
+        child = start(verb.line, out, *(("--resume",) if left < KILLS else ()))
+        if left and killed(child, chance.uniform(0.0, row.usual_s)):
+            row.kills += 1
+            row.with_work += any(path.exists() and any(path.iterdir()) for path in kept(out))
+            continue
+        said = child.communicate()[1].decode()
+        return "" if child.returncode in (0, 1) else said[-500:]
+    return "it never ended"
+
+
+def killed(child: subprocess.Popen[bytes], moment_s: float) -> bool:
+    """Whether a process was still running at a moment of its own processor time, and killed then.
+
+    On the clock a busy machine would move all moments towards the start, an idle one past the end.
+    """
+    stat = Path(f"/proc/{child.pid}/stat")
+    tick_s = 1 / os.sysconf("SC_CLK_TCK")
+    while child.poll() is None:
+        # User and system time, the 14th and 15th field; the name before may hold blanks.
+        user, system = stat.read_text().rpartition(")")[2].split()[11:13]
+        if (int(user) + int(system)) * tick_s >= moment_s:
+            # The counts of the system are coarse.
+            time.sleep(tick_s * random.random())
             child.kill()
             child.communicate()
-            kills += 1
-            continue
-        if child.returncode not in (0, 1):
-            return kills, said[1].decode()[-500:]
-        return kills, ""
-    return kills, "it never ended"
+            return child.returncode < 0
+        time.sleep(0.1 * tick_s)
+    return False
+
+
+def write_table(rows: dict[str, Row], path: Path) -> None:
+    """A row a verb."""
+    with path.open("w", newline="") as stream:
+        table = csv.writer(stream, lineterminator="\n")
+        table.writerow(
+            ["verb", "undisturbed_cpu_s", "files_compared", "rounds", "kills", "with_work", "wrong"]
+        )
+        for name, row in rows.items():
+            numbers = row.files, row.rounds, row.kills, row.with_work, row.wrong
+            table.writerow([name, f"{row.usual_s:.1f}", *numbers])
+
+
+def undisturbed(name: str, verb: Verb, out: Path) -> tuple[dict[str, bytes], Row]:
+    """What a verb writes when it is left alone.
+
+    Raises:
+        SystemExit: it ended with an error, or wrote nothing to compare.
+    """
+    remove(out)
+    before = resource.getrusage(resource.RUSAGE_CHILDREN)
+    child = start(verb.line, out)
+    said = child.communicate()[1].decode()
+    after = resource.getrusage(resource.RUSAGE_CHILDREN)
+    usual_s = after.ru_utime + after.ru_stime - before.ru_utime - before.ru_stime
+    alike = content(verb, out)
+    if child.returncode not in (0, 1) or not alike:
+        raise SystemExit(f"{name}: exit code {child.returncode}, {len(alike)} files; {said}")
+    row = Row(usual_s, len(alike))
+    print(
+        f"{name}: undisturbed in {row.usual_s:.1f} s of processor time, {row.files} files",
+        flush=True,
+    )
+    return alike, row
 
 
 def main() -> int:
-    """Rounds until the time is over."""
+    """Rounds until the kills are counted or the time is over."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
     parser.add_argument("study", type=Path)
     parser.add_argument("--work", type=Path, required=True)
-    parser.add_argument("--seconds", type=float, default=600.0)
+    parser.add_argument("--kills", type=int, default=200, help="of all verbs together")
+    parser.add_argument("--seconds", type=float, default=float("inf"), help="at most, of rounds")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--verb", action="append", help="kill this verb alone; may be repeated")
     asked = parser.parse_args()
@@ -184,34 +265,27 @@ def main() -> int:
     for words, folder in {read for name in chosen if (read := known[name].reads) is not None}:
         remove(folder)
         start(words, folder).communicate()
-    expected: dict[str, tuple[dict[str, bytes], float]] = {}
-    for name in chosen:
-        out = work / f"{name.replace(' ', '_')}_undisturbed"
+    outs = {name: work / name.replace(" ", "_") for name in chosen}
+    expected = {name: undisturbed(name, known[name], outs[name]) for name in chosen}
+    rows = {name: row for name, (_, row) in expected.items()}
+    ends = time.monotonic() + asked.seconds
+    while (total := sum(row.kills for row in rows.values())) < asked.kills:
+        if time.monotonic() > ends:
+            break
+        # Each verb gets as much time as the others, so that the quick ones are killed more often.
+        name = min(chosen, key=lambda one: rows[one].spent_s)
+        out, row = outs[name].with_name(f"{outs[name].name}_killed"), rows[name]
         remove(out)
         began = time.monotonic()
-        child = start(known[name].line, out)
-        said = child.communicate()[1].decode()
-        if child.returncode not in (0, 1):
-            print(f"{name}: {said}")
-            return 1
-        expected[name] = content(known[name], out), time.monotonic() - began
-    kills: Counter[str] = Counter()
-    bad = 0
-    ends = time.monotonic() + asked.seconds
-    while time.monotonic() < ends:
-        for name in chosen:
-            out = work / f"{name.replace(' ', '_')}_killed"
-            remove(out)
-            alike, usual_s = expected[name]
-            count, wrong = disturbed(known[name], out, chance, usual_s)
-            kills[name] += count
-            if not wrong and content(known[name], out) != alike:
-                wrong = "what it holds differs from an undisturbed run"
-            bad += bool(wrong)
-            print(f"{name}: {count} kills{': ' + wrong if wrong else ''}", flush=True)
-            if time.monotonic() > ends:
-                break
-    print(f"{kills.total()} kills ({dict(kills)}), {bad} rounds wrong")
+        wrong = disturbed(known[name], out, chance, row)
+        if not wrong and content(known[name], out) != expected[name][0]:
+            wrong = "what it holds differs from an undisturbed run"
+        row.spent_s += time.monotonic() - began
+        row.wrong += bool(wrong)
+        print(f"{name}: {row.kills} kills{': ' + wrong if wrong else ''}", flush=True)
+        write_table(rows, work / "kills.csv")
+    bad = sum(row.wrong for row in rows.values())
+    print(f"{total} kills, {bad} rounds wrong")
     return int(bad > 0)
 
 
