@@ -208,7 +208,7 @@ def killed(child: subprocess.Popen[bytes], moment_s: float) -> bool:
             child.kill()
             child.communicate()
             return child.returncode < 0
-        time.sleep(0.1 * tick_s)
+        time.sleep(tick_s)
     return False
 
 
