@@ -139,7 +139,7 @@ def energy(scene: Scene, log: TrialLog) -> Array:
     kinetic = (
         mass.mass * (log.state[:, VELOCITY] ** 2).sum(axis=1) + spin**2 @ mass.principal_inertia
     )
-    return 0.5 * kinetic + weight(scene) * log.position[:, 2]
+    return np.asarray(0.5 * kinetic + weight(scene) * log.position[:, 2])
 
 
 def depth(scene: Scene, log: TrialLog) -> Array:
@@ -147,11 +147,12 @@ def depth(scene: Scene, log: TrialLog) -> Array:
 
     A hull collides by its margin farther out than its vertices, a box by its faces.
     """
+    assert scene.rock.surface is not None
     corners = scene.rock.surface.vertices - scene.rock.mass.mass_center
     turned = Rotation.from_quat(log.orientation).as_matrix()
     lowest = log.position[:, 2] + (turned[:, 2] @ corners.T).min(axis=1)
     margin = 0.0 if isinstance(scene.rock.parts[0], Box) else scene.engine.collision_margin
-    return np.maximum(scene.pedestal.top - lowest + margin, 0.0)
+    return np.asarray(np.maximum(scene.pedestal.top - lowest + margin, 0.0))
 
 
 def returned(scene: Scene, deepest: float) -> float:

@@ -73,7 +73,7 @@ class FileArrays:
     def _of_shape(self, name: str, shape: tuple[str | int, ...], kind: str) -> NDArray[Any]:
         if name not in self._file:
             raise ValueError(f"array {name} is missing")
-        found = self._file[name]
+        found: NDArray[Any] = self._file[name]
         if found.dtype.kind != kind:
             wanted = {"f": "floating-point", "i": "whole"}[kind]
             raise ValueError(f"array {name} is of type {found.dtype}, wanted are {wanted} numbers")
