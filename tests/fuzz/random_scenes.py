@@ -12,7 +12,7 @@ one cosine of random strength. Each runs in `fast` and in `exact`. A finding is:
   deep without a note (`sinking`).
 
 Findings are listed by the number of their scene, and the exit code is 1. The last lines count
-trials, and give the greatest gain and depth over their bounds.
+trials, and give the greatest gain and depth over their bounds, scenes with that note aside.
 """
 
 from __future__ import annotations
@@ -32,7 +32,7 @@ from scipy.spatial.transform import Rotation
 from vsr2.config import study_from_mapping
 from vsr2.results import FLOAT_COLUMNS, BatchResult, TrialLog
 from vsr2.results.trial_log import ANGULAR_VELOCITY, VELOCITY
-from vsr2.scene import Box, Scene, SceneWarning, build_scene
+from vsr2.scene import Box, Scene, SceneNote, SceneWarning, build_scene
 from vsr2.scene.build import CONTACT_POINTS, NOTES
 from vsr2.simulation import run_batch, study_trials
 from vsr2.trial import Trial
@@ -43,16 +43,17 @@ BATCH = 50
 """Scenes whose logs are held in memory at once."""
 SOFTEST = 1e6
 """Stiffness of the softest material that is drawn [N/m]; the default is 2.6e9."""
-SLOP = 1e-4
-"""Depth that is left of a rest that is as stiff as can be [m]: ten times what Bullet leaves."""
+SLOP = 2.5e-4
+"""Depth that no spring explains [m], a quarter of the collision margin. Points of contact are kept
+over the steps; those of a hull were seen 0.12 mm inside its surface, in `exact`, too."""
 STILL = 1e-6
 """Speed of a pedestal at rest: a motor never holds it quite still [m/s]."""
 ROUNDING = 1e-9
 """Of energies, over the weight times the height above the ground: thousands of steps' rounding."""
 
 
-def draw(seed: int, number: int) -> Trial:
-    """A trial in a scene of its own, in `fast`."""
+def draw(seed: int, number: int, *, damping: float = 1.0) -> Trial:
+    """A trial in a scene of its own, in `fast`; `damping` is a factor on that of its contact."""
     chance = np.random.default_rng([seed, number])
     size = 10 ** chance.uniform(-0.7, 0.3) * np.array(
         [*chance.uniform(0.25, 1.0, 2), chance.uniform(0.4, 2.0)]
@@ -74,7 +75,7 @@ def draw(seed: int, number: int) -> Trial:
     pair = 1.0 / sum(1.0 / own["stiffness"] for own in bodies.values())
     recovery = 10 ** chance.uniform(-4.0, -1.5)
     for own in bodies.values():
-        own["damping"] = 0.5 * pair * recovery
+        own["damping"] = 0.5 * pair * recovery * damping
     content = {
         "name": "random",
         "rock": {
@@ -216,16 +217,19 @@ def judged(
     if lacking or not np.isfinite(log.state).all():
         found.append(f"{told}: not finite: {lacking or 'its log'}")
     rise, most_rise = gain(scene, trial, log)
-    if rise > most_rise:
+    lively = SceneNote.LIVELY_CONTACT in {note.code for note in scene.rock.notes}
+    if rise > most_rise and not lively:
         found.append(f"{told}: gains {rise:.3g} m of height, bound {most_rise:.3g} m")
+    over = 0.0 if lively else rise / most_rise
     if row["status"] != "ok" or not rests(trial, log):
-        return found, rise / most_rise, 0.0
+        return found, over, 0.0
     deep, most_deep = sinking(scene, log)
     if deep > most_deep:
         found.append(f"{told}: rests {deep:.3g} m deep, bound {most_deep:.3g} m")
-    if deep > CONTACT_POINTS * NOTES.deep_start and not scene.rock.notes:
+    soft = SceneNote.SOFT_CONTACT in {note.code for note in scene.rock.notes}
+    if deep > CONTACT_POINTS * NOTES.deep_start and not soft:
         found.append(f"{told}: rests {deep:.3g} m deep, and no note says so")
-    return found, rise / most_rise, deep / most_deep
+    return found, over, deep / most_deep
 
 
 def main() -> int:
@@ -251,6 +255,8 @@ def main() -> int:
                 found += wrong
                 greatest = [max(pair) for pair in zip(greatest, ratios, strict=True)]
                 counts[f"{engine} {result['status'][place]} {result['outcome'][place]}"] += 1
+                noted = {str(note.code) for note in trial.scene.rock.notes}
+                counts.update(f"{engine} with the note {code}" for code in noted)
                 counts[f"{engine} handed over"] += result["hand_over"][place] != "none"
     for name, count in sorted(counts.items()):
         print(f"{name}: {count}")

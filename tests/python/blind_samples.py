@@ -183,3 +183,16 @@ def stand_in(monkeypatch, diagnosis):
     few = replace(observations.OBSERVED, least_trials=3, least_motions=1)
     monkeypatch.setattr(observations, "OBSERVED", few)
     monkeypatch.setattr("vsr2.diagnosis.diagnose", diagnosis)
+
+
+ALTERED_SUBMISSIONS: dict[str, dict[str, object] | None] = {
+    "campaigns is True, which no run writes; get it back": {"campaigns": True},
+    "campaigns is -5, which no run": {"campaigns": -5},
+    "campaigns is .200., which no run": {"campaigns": "200"},
+    "campaigns is nan, which no run": {"campaigns": float("nan")},
+    r"seed is \[0\], which no run": {"seed": [0]},
+    "held_out is 1, which no run": {"held_out": 1},
+    "was begun with pack .0000.*, not .*; continue with the same": {"pack": "0" * 64},
+    "cannot be read; .*: get it back from a copy": None,
+}
+"""Keys of a `submission.json` altered by hand, by what is said of them; None: cut short."""

@@ -55,6 +55,19 @@ def test_a_gain_of_energy_is_found(shaken) -> None:
     assert "gains 0.005" in found
 
 
+@pytest.mark.parametrize("engine", scenes.ENGINES)
+def test_a_gain_that_a_note_tells_of_is_one(engine: str) -> None:
+    """A block that bounces higher than it fell, and one whose contacts are damped more."""
+    for raised, gains in ((1.0, True), (30.0, False)):
+        trial = scenes.draw(0, 313, damping=raised)
+        assert bool(trial.scene.rock.notes) == gains
+        trial = scenes.in_engine(trial, engine)
+        result = run_batch([trial], threads=1)
+        rise, bound = scenes.gain(trial.scene, trial, result.logs[0])
+        assert (rise > bound) == gains
+        assert judged(trial, result) == []
+
+
 def test_a_rock_that_sinks_is_found(shaken) -> None:
     trial, result = shaken
     sunk = changed(result.logs[0], "rock_z", slice(None), -0.006)

@@ -282,6 +282,24 @@ def test_a_rock_that_sinks_into_a_soft_pedestal_is_a_warning(mode: str) -> None:
     assert height[0] - height[-1] - 0.002 == pytest.approx(520.0 * 9.81 / 4e4, rel=0.02)
 
 
+LIVELY = {"restitution": 0.8, "stiffness": 2.6e9, "damping": 1e5}
+"""The pair: e 0.64, and of a penetration a step of 4 ms undoes 0.963."""
+
+
+def test_impacts_that_may_gain_energy_are_a_warning() -> None:
+    contact = {"rock": LIVELY, "pedestal": LIVELY}
+    with pytest.warns(SceneWarning, match="impacts may gain energy") as caught:
+        build_scene(block(engine={"time_step": 0.004}, contact=contact))
+    told = str(caught[0].message)
+    assert "restitution of 0.64" in told
+    assert "undoes, 0.963" in told
+    assert "time_step to 8.7e-05 s or less" in told
+    # Two solver steps of 8.6e-5 s each.
+    assert build_scene(block(engine={"time_step": 1.72e-4, "substeps": 2}, contact=contact))
+    dull = {**LIVELY, "restitution": 0.0}
+    assert build_scene(block(contact={"rock": dull, "pedestal": LIVELY})).rock.notes == ()
+
+
 def test_stiff_contacts_do_not_warn() -> None:
     assert build_scene(block()).rock.notes == ()
 

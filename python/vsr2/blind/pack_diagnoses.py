@@ -53,7 +53,6 @@ from vsr2.errors import BlindError, Vsr2Error
 
 SUBMISSION_SCHEMA = "vsr2.blind-submission/1"
 SUBMISSION = "submission.json"
-_REMEDY = "get it back from a copy, or choose another folder"
 BUDGET, EXECUTION = Budget(campaigns=2000), Execution()
 
 
@@ -376,14 +375,18 @@ def _older(out: Path, pack: Pack, how: Mapping[str, Any]) -> str:
         there = read_json(path)
     except BlindError:
         raise BlindError(
-            f"{path}: cannot be read; it says of which pack the diagnoses are: {_REMEDY}"
+            f"{path}: cannot be read; it says of which pack the diagnoses are: get it back from a "
+            "copy, or choose another folder"
         ) from None
     older = ""
     for key, mine in _submission(pack, how).items():
         before = there.get(key)
         # With minutes a folder has no campaigns, and the other way round.
         if key in there and not _is_like(before, mine):
-            raise BlindError(f"{path}: {key} is {shown(before)}, which no run writes; {_REMEDY}")
+            raise BlindError(
+                f"{path}: {key} is {shown(before)}, which no run writes; get it back from a copy, "
+                "or choose another folder"
+            )
         effort = type(mine) in (int, float) and key != "seed" and before is not None
         if effort and before < mine:
             older = f"{before:g}-{key}"

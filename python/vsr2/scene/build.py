@@ -11,6 +11,7 @@ from vsr2.codes import Statement
 from vsr2.config.study import (
     BoxRock,
     Contact,
+    Engine,
     FixedStart,
     MeshPedestal,
     MeshRock,
@@ -137,17 +138,31 @@ def _refuse_larger_than_top(body: RockBody, pedestal: PedestalBody) -> None:
         )
 
 
-def soft_contact_notes(body: RockBody, contact: Contact, gravity: float) -> list[Statement]:
-    """Says how deep a soft contact lets the rock sink at rest.
+def contact_notes(body: RockBody, contact: Contact, engine: Engine) -> list[Statement]:
+    """Says how deep a soft contact lets the rock sink at rest, and whether impacts may gain energy.
 
     A pair touches in at most four points, each a spring of the pair's stiffness k, the two bodies'
     in series: the depth is at least m g / (4 k).
+
+    An impact at speed u penetrates by at most u dt before a step notices it. That step rebounds by
+    e u and undoes erp of the penetration, erp = dt k / (dt k + c): the rock leaves at (e + erp) u
+    at most (docs/explanation/contact_model.md).
     """
-    stiffness = 1.0 / (1.0 / contact.rock.stiffness + 1.0 / contact.pedestal.stiffness)
-    depth = body.mass.mass * gravity / (CONTACT_POINTS * stiffness)
-    if depth <= NOTES.deep_start:
-        return []
-    return [Statement.of(SceneNote.SOFT_CONTACT, depth=depth, stiffness=stiffness)]
+    rock, pedestal = contact.rock, contact.pedestal
+    stiffness = 1.0 / (1.0 / rock.stiffness + 1.0 / pedestal.stiffness)
+    out = []
+    depth = body.mass.mass * engine.gravity / (CONTACT_POINTS * stiffness)
+    if depth > NOTES.deep_start:
+        out.append(Statement.of(SceneNote.SOFT_CONTACT, depth=depth, stiffness=stiffness))
+    restitution, damping = rock.restitution * pedestal.restitution, rock.damping + pedestal.damping
+    step = engine.time_step / engine.substeps
+    undone = step * stiffness / (step * stiffness + damping)
+    if restitution > 0 and restitution + undone > 1:
+        # At which both sum to 1.
+        longest = engine.substeps * (1 - restitution) * damping / (restitution * stiffness)
+        values = {"restitution": restitution, "undone": undone, "step": longest}
+        out.append(Statement.of(SceneNote.LIVELY_CONTACT, **values))
+    return out
 
 
 def _mesh_rock_mass(rock: MeshRock, loaded: LoadedMesh) -> MassProperties:

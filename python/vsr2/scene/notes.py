@@ -36,6 +36,7 @@ class SceneNote(Code):
     ABOVE_PEDESTAL = "above_pedestal", {"height": float}
     INSIDE_PEDESTAL = "inside_pedestal", {"depth": float}
     SOFT_CONTACT = "soft_contact", {"depth": float, "stiffness": float}
+    LIVELY_CONTACT = "lively_contact", {"restitution": float, "undone": float, "step": float}
 
 
 WARNINGS: Mapping[str, str] = {
@@ -46,6 +47,11 @@ WARNINGS: Mapping[str, str] = {
         "contact: the rock's weight presses it at least {depth:.3g} m into the pedestal, whose "
         "contact points have {stiffness:.3g} N/m; raise contact.rock.stiffness and "
         "contact.pedestal.stiffness"
+    ),
+    SceneNote.LIVELY_CONTACT: (
+        "contact: impacts may gain energy, because the pair's restitution of {restitution:.3g} and "
+        "the share of a penetration that a step undoes, {undone:.3g}, sum to more than 1; raise "
+        "contact.rock.damping, lower a restitution, or set engine.time_step to {step:.2g} s or less"
     ),
 }
 """Templates of the notes that are also warnings, for callers in Python."""

@@ -16,7 +16,7 @@ from vsr2.config.study import Contact, Engine, MeshPedestal, MeshRock, Study, Ur
 from vsr2.errors import GeometryError
 from vsr2.one_line import OneLine
 from vsr2.scene.body import Box, Hull, PedestalBody, Pose, RockBody, Triangles
-from vsr2.scene.build import build_pedestal, build_rock, soft_contact_notes
+from vsr2.scene.build import build_pedestal, build_rock, contact_notes
 from vsr2.scene.mechanisms import Mechanisms
 from vsr2.scene.mesh import Mesh, mesh_from_arrays
 from vsr2.scene.notes import WARNINGS, SceneWarning
@@ -159,12 +159,13 @@ def build_scene(study: Study, *, rock: Mesh = None, pedestal: Mesh = None) -> Sc
             prism.
 
     Warns:
-        SceneWarning: the rock's size is unusual, or it sinks into a soft contact.
+        SceneWarning: the rock's size is unusual, it sinks into a soft contact, or its impacts may
+            gain energy.
     """
     under = _pedestal(study, pedestal)
     body = _rock(study, rock, under)
-    soft = soft_contact_notes(body, study.contact, study.engine.gravity)
-    body = replace(body, notes=(*body.notes, *soft))
+    notes = contact_notes(body, study.contact, study.engine)
+    body = replace(body, notes=(*body.notes, *notes))
     for note in body.notes:
         if note.code in WARNINGS:
             text = WARNINGS[note.code].format(**note.values)
