@@ -293,7 +293,7 @@ def test_impacts_that_may_gain_energy_are_a_warning() -> None:
     told = str(caught[0].message)
     assert "restitution of 0.64" in told
     assert "undoes, 0.963" in told
-    assert "time_step to 8.7e-05 s or less" in told
+    assert "time_step to 8.65e-05 s or less" in told
     # Two solver steps of 8.6e-5 s each.
     assert build_scene(block(engine={"time_step": 1.72e-4, "substeps": 2}, contact=contact))
     dull = {**LIVELY, "restitution": 0.0}

@@ -51,7 +51,7 @@ WARNINGS: Mapping[str, str] = {
     SceneNote.LIVELY_CONTACT: (
         "contact: impacts may gain energy, because the pair's restitution of {restitution:.3g} and "
         "the share of a penetration that a step undoes, {undone:.3g}, sum to more than 1; raise "
-        "contact.rock.damping, lower a restitution, or set engine.time_step to {step:.2g} s or less"
+        "contact.rock.damping, lower a restitution, or set engine.time_step to {step:.3g} s or less"
     ),
 }
 """Templates of the notes that are also warnings, for callers in Python."""
