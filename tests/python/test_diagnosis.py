@@ -165,6 +165,14 @@ def test_a_reference_of_other_trials_is_refused(protocol) -> None:
             protocol.diagnose(CATCH, references=(reference,))
 
 
+def test_a_scene_in_which_nothing_lifts_off_is_refused(protocol) -> None:
+    weak = shaken_campaign(10, 4, duration=1.5, pga_g=(0.01, 0.02), session_size=10)
+    seen = observe(weak, PlanarSimulator(weak, seed=99), nuisance=2, tier="M")
+    simulator = PlanarSimulator(seen, library=protocol.simulator.library, seed=1)
+    with pytest.raises(DiagnosisError, match=r"none of its 40 trials lifts off .*; drive the"):
+        diagnose_with(simulator, seen, budget=Budget(campaigns=150))
+
+
 def test_without_how_far_the_verdict_is_the_same(protocol, found) -> None:
     quick = protocol.diagnose(CATCH, budget=Budget(campaigns=CAMPAIGNS, held_out=False)).content
     for part in ("verdict", "sets", "effects", "where", "conformal_set_90"):

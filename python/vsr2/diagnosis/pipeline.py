@@ -131,7 +131,8 @@ def diagnose_with(
         The diagnosis; equal campaign, simulator, seed and number of campaigns give an equal one.
 
     Raises:
-        DiagnosisError: the campaign holds too little, or a reference has other trials.
+        DiagnosisError: the campaign holds too little, none of its trials lifts off in the scene, or
+            a reference has other trials.
         ResultError: the cache cannot be used.
     """
     watch = Stopwatch()
@@ -146,7 +147,7 @@ def diagnose_with(
         schedule = Schedule(budget, store, len(seen), simulator.library, watch)
         work = _Work(store, seen, schedule, kept, question, report)
         seen_look = work.look()
-        trials = seen_look.responding
+        trials = _responding(seen_look, campaign.name, len(seen))
         posterior = work.posterior(seen_look)
         # By the campaign's own library, as effects that it lacks raise the probability of none.
         alike = [
@@ -216,6 +217,21 @@ def _noted(
         "constants": diagnosis_constants(),
         "seed": question.seed,
     }
+
+
+def _responding(found: Look, name: str, trials: int) -> NDArray[np.int64]:
+    """Trials that lift off in some draw of nuisances; there are some.
+
+    Raises:
+        DiagnosisError: there are none, so that simulated campaigns would all be alike.
+    """
+    if not found.responding.size:
+        raise DiagnosisError(
+            f"campaign {name!r}: none of its {trials} trials lifts off in the scene, so that no "
+            "cause can be told from another; drive the trials more strongly, or correct the scene "
+            "(size of the rock, motions and their units)"
+        )
+    return found.responding
 
 
 def _reference(campaign: Campaign, seen: Observations) -> Observations:
