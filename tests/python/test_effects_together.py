@@ -75,10 +75,18 @@ def test_an_effect_of_ones_own_puts_its_values_in_together(trials: list[Trial]) 
     gain = (effect("table_gain"), {"change": 0.1})
     made = with_effects(trials, [gain, (Lifted(), {"by": 0.2})])
     assert asked == [len(trials)]  # All have one scene and start.
+    twice = with_effects(trials, [(Lifted(), {"by": 0.1}), (Lifted(), {"by": 0.1})])
+    # The first gives each a start of its own, which the second finds out at the second trial.
+    assert asked[2:] == [len(trials)] + [1] * (len(trials) - 1)
+    wearing = [(effect("wear"), {"loss": 0.1}), (Lifted(), {"by": 0.1})]
+    asked.clear()
+    with_effects([*trials, *trials], wearing, relative_order=[0, 0, 0, 0.5, 0.5, 1, 1, 1])
+    assert asked == [3, 2, 3]
     last = len(trials) - 1
     for i, (trial, before) in enumerate(zip(made, trials, strict=True)):
         rise = trial.start_pose.position[2] - before.start_pose.position[2]
         assert rise == pytest.approx(0.2 * (1 + i / last), rel=1e-12)
         assert trial.motion == before.motion.scaled(1.1, name=before.motion.name)
+        assert twice[i].start_pose.position[2] == pytest.approx(trial.start_pose.position[2])
     with pytest.raises(GeometryError, match=r"^effects\.lifted: too high"):
         with_effects(trials, [(Lifted(), {"by": 0.4})])

@@ -242,7 +242,7 @@ def _changed(
     together: dict[int, list[int]] = {}
     for i in wanted:
         together.setdefault(id(moved[i]), []).append(i)
-    each = _Each()
+    each = _Each(rest)
     for members in together.values():
         under = _UnderMotion(each)
         for i in members:
@@ -251,10 +251,18 @@ def _changed(
 
 
 class _Each:
-    """What effects with values of each trial's own make of one scene and start, all at once."""
+    """What effects with values of each trial's own make of one scene and start, all at once.
 
-    def __init__(self) -> None:
-        self._known: dict[tuple[int, ...], tuple[Trial, dict[int, Trial]]] = {}
+    Args:
+        rest: has scene and start of each trial, by its index; of equal ones it is one object.
+    """
+
+    def __init__(self, rest: Mapping[int, Trial]) -> None:
+        self._rest = rest
+        self._members: dict[int, list[int]] = {}
+        for i, standing in rest.items():
+            self._members.setdefault(id(standing), []).append(i)
+        self._known: dict[tuple[int, int], tuple[Trial, dict[int, Trial]]] = {}
 
     def made(self, hook: _Hook, trial: Trial, index: int) -> Trial:
         """A trial changed, its motion aside, which is that of the first trial asked for.
@@ -264,12 +272,24 @@ class _Each:
             trial: of the index.
             index: of the trial.
         """
-        # The trial is kept with what is made of it, and with it its objects' identity.
-        key = (id(hook), *[id(getattr(trial, name)) for name in _ALL_ELSE])
-        if key not in self._known:
-            changed = _asked(hook, lambda: hook.effect.change_each(trial, [*hook.values.values()]))
-            self._known[key] = trial, dict(zip(hook.values, changed, strict=True))
-        return self._known[key][1][index]
+        group = id(self._rest[index])
+        known = self._known.get((id(hook), group))
+        if known is None:
+            made = self._together(
+                hook, trial, [i for i in self._members[group] if i in hook.values]
+            )
+            self._known[id(hook), group] = trial, made
+        elif all(getattr(trial, name) is getattr(known[0], name) for name in _ALL_ELSE):
+            made = known[1]
+        else:  # Another effect gave each a scene or start of its own.
+            made = self._together(hook, trial, [index])
+        return made[index]
+
+    @staticmethod
+    def _together(hook: _Hook, trial: Trial, indices: Sequence[int]) -> dict[int, Trial]:
+        values = [hook.values[i] for i in indices]
+        changed = _asked(hook, lambda: hook.effect.change_each(trial, values))
+        return dict(zip(indices, changed, strict=True))
 
 
 class _UnderMotion:

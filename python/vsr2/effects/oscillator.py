@@ -189,16 +189,24 @@ def limited(path: Path, velocity: float, acceleration: float, step: float, *, lo
     omega = 2 * math.pi * loop
     begin = int(np.argmax(over))
     position, speed = (float(x[begin - 1]), float(v[begin - 1])) if begin else (0.0, 0.0)
-    targets = (path.displacement.tolist(), path.velocity.tolist(), path.acceleration.tolist())
-    for k in range(begin, x.size):
-        wanted = (
-            targets[2][k]
-            + 2 * omega * (targets[1][k] - speed - targets[2][k] * step)
-            + omega**2 * (targets[0][k] - position - targets[1][k] * step)
+    targets = (signal[begin:].tolist() for signal in (x, v, a))
+    positions, speeds, pushes = list[float](), list[float](), list[float]()
+    for at_x, at_v, at_a in zip(*targets, strict=True):
+        push = (
+            at_a
+            + 2 * omega * (at_v - speed - at_a * step)
+            + omega**2 * (at_x - position - at_v * step)
         )
-        push = min(max(wanted, -acceleration), acceleration)
-        new = min(max(speed + push * step, -velocity), velocity)
+        # Written out: calls of min and max would take half of the time.
+        push = push if push > -acceleration else -acceleration
+        push = push if push < acceleration else acceleration
+        new = speed + push * step
+        new = new if new > -velocity else -velocity
+        new = new if new < velocity else velocity
         position += 0.5 * (speed + new) * step
-        a[k], speed = (new - speed) / step, new
-        x[k], v[k] = position, speed
+        pushes.append((new - speed) / step)
+        positions.append(position)
+        speeds.append(new)
+        speed = new
+    x[begin:], v[begin:], a[begin:] = positions, speeds, pushes
     return Kinematics(x, v, a)

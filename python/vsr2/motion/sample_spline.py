@@ -29,7 +29,7 @@ SETTLED = 48
 from the end for degree 5, from 21 to the fifth for degree 3."""
 BLOCK = 4096
 """Positions at a time: what belongs to them stays in the processor's cache."""
-KEPT = 2**16
+MAX_KEPT = 2**16
 """Positions whose weights are kept: 3 MB for each order of a quintic spline."""
 
 
@@ -55,7 +55,7 @@ class KeptWeights:
     """Weights of the coefficients at positions where many splines are asked, kept by blocks.
 
     For splines of one degree, at the same positions or at the first of them. Of positions beyond
-    `KEPT` nothing is kept.
+    `MAX_KEPT` nothing is kept.
     """
 
     def __init__(self) -> None:
@@ -77,7 +77,7 @@ class KeptWeights:
         if floor.size < count:
             floor = np.floor(position)
             weights = _weights(floor, position, degree, orders)
-            if start < KEPT:
+            if start < MAX_KEPT:
                 self._known[start, orders] = floor, weights
         return floor[:count], [weight[:, :count] for weight in weights]
 
