@@ -261,8 +261,8 @@ class InputChannel(Effect):
             made: Array = amid + low * slow + high * (amid - below)
             return made
 
-        driven = passed(np.stack([motion.displacement, motion.velocity]))
-        path = LazyPath(*driven, lambda: passed(motion.acceleration[None])[0])
+        x, rate = passed(np.stack([motion.displacement, motion.velocity]))
+        path = LazyPath(x, rate, lambda: passed(motion.acceleration[None])[0])
         note = f"gain {1 + low:.12g} below {corners[0][1]:g} Hz, {1 + high:.12g} above "
         size = path.displacement.size
         return _driven(
