@@ -17,7 +17,8 @@ and rest afterwards within the time that is measured. A rock that has fallen end
 Every measurement is a process of its own, and what is imported, built once and compiled is not
 timed. Engines follow one another in every round, so that a change of the machine's speed meets all
 of them. The table gives medians over the rounds and the median of the rounds' ratios, by wall time
-and by CPU time; where the machine is shared, CPU time is the one to read. Works whose data are
+and by CPU time; where the machine is shared, CPU time is the one to read. It also says which part
+of a trial's CPU time the thread takes that makes the trials. Works whose data are
 absent are skipped, and the reason is printed.
 """
 
@@ -51,12 +52,15 @@ class Measured(NamedTuple):
         trials: a part of one counts as such.
         wall: [s].
         cpu: of all threads [s].
+        making: CPU time of the thread that makes trials and takes results [s]: all that is outside
+            the core's own threads, and building its scenes.
         overturned: share of the trials, NaN where it is not known.
     """
 
     trials: float
     wall: float
     cpu: float
+    making: float
     overturned: float
 
 
@@ -122,7 +126,11 @@ def measured(options: argparse.Namespace) -> dict[Key, list[Measured]]:
                 found.setdefault((work, engine), []).append(done)
                 rate, cost = done.trials / done.wall, 1e3 * done.cpu / done.trials
                 what = f"round {round_ + 1}: {work}, {engine}"
-                print(f"{what}: {rate:.1f} trials a second, {cost:.3g} ms of CPU each", flush=True)
+                outside = f"{done.making / done.cpu:.1%} outside the core's threads"
+                print(
+                    f"{what}: {rate:.1f} trials a second, {cost:.3g} ms of CPU each, {outside}",
+                    flush=True,
+                )
     return found
 
 
@@ -133,6 +141,8 @@ HEADER = [
     "least",
     "greatest",
     "CPU time of a trial [ms]",
+    "of it outside the core's threads [ms]",
+    "share",
     "overturned",
     "vsr2 over it, wall",
     "vsr2 over it, CPU",
@@ -150,6 +160,8 @@ def table(found: dict[Key, list[Measured]]) -> list[list[str]]:
         cpu = [cost * one.trials / one.cpu for one, cost in zip(ours, costs, strict=True)]
         cells = [f"{f(rates):.1f}" for f in (statistics.median, min, max)]
         cells.append(f"{1e3 * statistics.median(costs):.2f}")
+        cells.append(f"{1e3 * statistics.median(one.making / one.trials for one in done):.3f}")
+        cells.append(f"{statistics.median(one.making / one.cpu for one in done):.3f}")
         cells.append(f"{statistics.fmean(one.overturned for one in done):.3f}")
         cells += [f"{statistics.median(ratios):.2f}" for ratios in (wall, cpu)]
         rows.append([work, engine, *cells])

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from vsr2.motion.sample_spline import SETTLED, at, on_grid, sample_spline
+from vsr2.motion.sample_spline import SETTLED, KeptWeights, at, on_grid, sample_spline
 
 SIZES = (16, 2 * SETTLED - 1, 2 * SETTLED, 2 * SETTLED + 1, 2 * SETTLED + 2, 997, 5000)
 """Round the size from which the repeated rows are used, and beyond a block of positions."""
@@ -60,6 +60,18 @@ def test_values_and_derivatives_at_any_positions_are_those_of_scipy(size, sample
     position = np.minimum(np.arange(int((size - 1) / ratio) + 1) * ratio, size - 1.0)
     for order, values in enumerate(at(found, position, (0, 1, 2))):
         assert same_bits(values, expected(position, order))
+
+
+@pytest.mark.parametrize("ratio", RATIOS)
+def test_kept_weights_serve_splines_of_any_length(ratio):
+    kept = KeptWeights()
+    for size in (*SIZES, *reversed(SIZES)):
+        found, _ = both(size, 5)
+        position = np.minimum(np.arange(int((size - 1) / ratio) + 1) * ratio, size - 1.0)
+        for orders in ((0, 1), (2,)):
+            fresh = at(found, position, orders)
+            for values, expected in zip(at(found, position, orders, kept), fresh, strict=True):
+                assert values.tobytes() == expected.tobytes()
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.5])

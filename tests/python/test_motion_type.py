@@ -18,6 +18,7 @@ from vsr2.motion import (
     pga_g,
     pgv,
 )
+from vsr2.motion.samples import Deferred
 
 
 def motion(**changes):
@@ -125,6 +126,41 @@ def test_a_scaled_motion_holds_factors_and_not_samples():
     assert len(pickle.dumps(twice)) < 1.1 * len(pickle.dumps(pulse))
     with pytest.raises(AttributeError, match="no attribute 'speed'"):
         _ = twice.speed
+
+
+def test_an_acceleration_may_be_made_when_it_is_asked_for():
+    pulse, asked = cosine_motion(0.02, 3.0, 0.001), []
+
+    def made():
+        asked.append(True)
+        return pulse.acceleration
+
+    def late():
+        return replace(pulse, acceleration=Deferred(made))
+
+    motion, scaled = late(), late().scaled(-1.1).scaled(0.7)
+    assert motion == pulse
+    assert motion.pgv == pulse.pgv
+    assert scaled == pulse.scaled(-1.1).scaled(0.7)
+    assert not asked
+    assert motion.peak_acceleration == pulse.peak_acceleration
+    np.testing.assert_array_equal(motion.acceleration, pulse.acceleration)
+    assert len(asked) == 1
+    assert not motion.acceleration.flags.writeable
+    expected = pulse.scaled(-1.1).scaled(0.7)
+    assert scaled.peak_acceleration == expected.peak_acceleration
+    np.testing.assert_array_equal(scaled.acceleration, expected.acceleration)
+    for copied in (pickle.loads(pickle.dumps(late())), replace(late(), name="x")):
+        np.testing.assert_array_equal(copied.acceleration, pulse.acceleration)
+
+
+@pytest.mark.parametrize(
+    ("given", "message"), [(np.zeros(2), "the same number"), (np.full(3, np.nan), "nan at sample")]
+)
+def test_an_acceleration_made_later_is_checked_then(given, message):
+    late = motion(acceleration=Deferred(lambda: given))
+    with pytest.raises(MotionError, match=message):
+        _ = late.peak_acceleration
 
 
 def test_a_motion_with_others_beside_it_refers_to_its_samples():

@@ -24,6 +24,7 @@ from vsr2.scene import (
     box_mass_properties,
     drop_height,
     height_above,
+    heights_above,
     start_pose,
 )
 from vsr2.scene.placement import stands_over
@@ -272,3 +273,19 @@ def test_height_above_measures_gap_and_penetration() -> None:
     assert height_above((Hull(points),), low, prism()) == pytest.approx(-0.5, abs=1e-12)
     away = type(pose)((50.0, 0.0, 0.0), (0.0, 0.0, 0.0, 1.0))
     assert height_above((Hull(points),), away, prism()) is None
+
+
+@pytest.mark.parametrize("top", [4.0, 1.2, 0.5], ids=["even", "overhung by some", "overhung"])
+def test_heights_of_many_poses_are_those_of_each(top: float) -> None:
+    rng = np.random.default_rng(1)
+    ball = trimesh.creation.icosphere(subdivisions=1, radius=0.5)
+    parts = (Box(SIZE, center=(0.1, 0.0, 0.2)), Hull(np.array(ball.vertices)))
+    poses = []
+    for axes in rng.normal(size=(40, 4)):
+        x, y, z, w = (axes / np.linalg.norm(axes)).tolist()
+        at_x, at_y, at_z = (np.array([0.0, 0.0, 3.5]) + 0.3 * rng.normal(size=3)).tolist()
+        poses.append(Pose((at_x, at_y, at_z), (x, y, z, w)))
+    pedestal = prism((top, top, 0.5))
+    # Starts are to be the same to the last bit, whether they are found together or alone.
+    found = heights_above(parts, poses, pedestal)
+    assert found == [height_above(parts, pose, pedestal) for pose in poses]

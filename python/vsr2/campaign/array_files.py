@@ -19,8 +19,8 @@ from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import Record
-from vsr2.motion.motion import MAX_SAMPLES
 from vsr2.motion.npz import NpzError, npz_arrays
+from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.results.atomic import write_atomic
 
 Array = NDArray[np.float64]

@@ -13,6 +13,7 @@ from vsr2.config.motion_source import Channel, Filter
 from vsr2.effects.effect import Effect
 from vsr2.effects.oscillator import (
     Array,
+    LazyPath,
     Path,
     base_excited,
     held,
@@ -23,8 +24,9 @@ from vsr2.effects.oscillator import (
 from vsr2.effects.parameter import Parameter
 from vsr2.errors import ConfigError, MotionError
 from vsr2.motion import SideMotion, band_pass
-from vsr2.motion.processing import Kinematics, differentiate
-from vsr2.motion.resample import resample
+from vsr2.motion.processing import differentiate
+from vsr2.motion.resample import Resampled, resample
+from vsr2.motion.samples import Deferred
 from vsr2.motion.study_motions import RECORDED, Recorded
 from vsr2.trial import Trial
 
@@ -63,26 +65,27 @@ def _driven(
     """
     motion = trial.motion
     sides = {name: beside(side) for name, side in motion.sides.items() if side is not None}
-    ends = (path.velocity, path.acceleration, *(side.velocity for side in sides.values()))
-    size = path.displacement.size + any(signal[-1] != 0 for signal in ends)
-    kept: dict[str, Any] = {name: _held(side, size) for name, side in sides.items()}
+    rates = path.velocity, *(side.velocity for side in sides.values())
+    moving = any(rate[-1] != 0 for rate in rates)
+    size = path.displacement.size + (moving or not _at_rest(path))
     more = held(path, size - path.displacement.size)
     displacement = more.displacement - more.displacement[0]
-    for samples in (displacement, more.velocity, more.acceleration):
+    for samples in (displacement, more.velocity):
         samples.setflags(write=False)  # Nobody else has them; a motion copies what can be written.
-    return replace(
-        trial,
-        motion=replace(
-            motion,
-            displacement=displacement,
-            velocity=more.velocity,
-            acceleration=more.acceleration,
-            source=f"{motion.source}; {note}",
-            # From here on the record no longer tells the motion.
-            recorded=None,
-            **kept,
-        ),
-    )
+    changed: dict[str, Any] = {name: _held(side, size) for name, side in sides.items()} | {
+        "displacement": displacement,
+        "velocity": more.velocity,
+        "acceleration": Deferred(lambda: more.acceleration),
+        "source": f"{motion.source}; {note}",
+        # From here on the record no longer tells the motion.
+        "recorded": None,
+    }
+    return trial.under(replace(motion, **changed))
+
+
+def _at_rest(path: Path) -> bool:
+    """Whether the acceleration is 0 at the last sample; what is resampled ends so."""
+    return isinstance(path, Resampled) or bool(path.acceleration[-1] == 0)
 
 
 def _held(side: SideMotion, size: int) -> SideMotion:
@@ -251,11 +254,15 @@ class InputChannel(Effect):
         corners = [(low, values["low_corner"]), (high, values["high_corner"])]
         pad = math.ceil(3.0 / min(corner for gain, corner in corners if gain) / step)
 
-        signals = np.stack([motion.displacement, motion.velocity, motion.acceleration])
-        # Amid rest, so that the filters ring out on both sides.
-        amid = np.pad(np.pad(signals, ((0, 0), (pad, 0))), ((0, 0), (0, pad)), mode="edge")
-        slow, below = (_below(amid, corner, step) for _, corner in corners)
-        path = Kinematics(*(amid + low * slow + high * (amid - below)))
+        def passed(signals: Array) -> Array:
+            # Amid rest, so that the filters ring out on both sides.
+            amid = np.pad(np.pad(signals, ((0, 0), (pad, 0))), ((0, 0), (0, pad)), mode="edge")
+            slow, below = (_below(amid, corner, step) for _, corner in corners)
+            made: Array = amid + low * slow + high * (amid - below)
+            return made
+
+        x, rate = passed(np.stack([motion.displacement, motion.velocity]))
+        path = LazyPath(x, rate, lambda: passed(motion.acceleration[None])[0])
         note = f"gain {1 + low:.12g} below {corners[0][1]:g} Hz, {1 + high:.12g} above "
         size = path.displacement.size
         return _driven(
@@ -296,7 +303,7 @@ def _from_record(
         raise MotionError(
             f"{channel} cannot be built for {motion.name!r}: {error}", key=key
         ) from error
-    return replace(trial, motion=built)
+    return trial.under(built)
 
 
 class InputFilter(Effect):
@@ -365,7 +372,7 @@ class TableGain(Effect):
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
         motion = trial.motion
-        return replace(trial, motion=motion.scaled(1.0 + values["change"], name=motion.name))
+        return trial.under(motion.scaled(1.0 + values["change"], name=motion.name))
 
 
 class TableBandwidth(Effect):
@@ -404,8 +411,11 @@ class TableBandwidth(Effect):
             x = np.pad(_late(motion.displacement, late), (0, rings), mode="edge")
             path = low_passed(x, corner, ACTUATION.low_pass_damping, step)
         else:
-            signals = (motion.displacement, motion.velocity, motion.acceleration)
-            path = Kinematics(*(_late(signal, late) for signal in signals))
+            path = LazyPath(
+                _late(motion.displacement, late),
+                _late(motion.velocity, late),
+                lambda: _late(motion.acceleration, late),
+            )
         note = f"low-pass {corner:g} Hz, {late} samples late"
         return _driven(trial, path, note, lambda side: _late_side(side, late))
 

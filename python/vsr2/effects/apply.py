@@ -4,9 +4,10 @@ from __future__ import annotations
 
 import warnings
 import zlib
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from operator import itemgetter
+from typing import TypeVar
 
 import numpy as np
 
@@ -17,6 +18,7 @@ from vsr2.effects.registry import chosen, place
 from vsr2.errors import ConfigError, Fault, SimulationError, Vsr2Error
 from vsr2.trial import Applied, Trial
 
+T = TypeVar("T")
 _BEFORE_MOTION = ("geometry", "order", "inertia", "contact", "mechanism")
 """Stages whose hooks see no motion, so that trials under any motion share what they make."""
 
@@ -106,8 +108,7 @@ def with_effect(
         _assert_once(one, [trial])
     made = trial
     for hook in _hooks([(one, {0: own})]):
-        for acting in hook.values.values():
-            made = _made(made, hook, acting)
+        made = _made(made, hook, hook.values[0]) if hook.values else made
     return trial.with_parts(made, made, (*trial.effects, own))
 
 
@@ -154,12 +155,12 @@ def each_with_effects(
         if type(one).at is Effect.at:
             same = _in_force(one, values, values)
             return {} if same is None else dict.fromkeys(wanted, same)
-        known, found = dict[str, Applied](), {}
+        known, found = dict[bytes, Applied](), {}
         for i in wanted:
             here = Circumstances(order[i], held[i], order_of_sessions, _drawing(one, seed, i))
             own = _in_force(one, values, one.at(values, here))
             if own is not None:
-                found[i] = known.setdefault(own.key, own)
+                found[i] = known.setdefault(own.bits, own)
         return found
 
     acting = [(one, applied(one, values)) for one, values in effects]
@@ -241,17 +242,61 @@ def _changed(
     together: dict[int, list[int]] = {}
     for i in wanted:
         together.setdefault(id(moved[i]), []).append(i)
+    each = _Each(rest)
     for members in together.values():
-        under = _UnderMotion()
+        under = _UnderMotion(each)
         for i in members:
             one, other = trials[i], (rest[i], moved[i])
             yield i, under.changed(one, *other, i, seeing, acting[i]) if acting[i] else one
 
 
+class _Each:
+    """What effects with values of each trial's own make of one scene and start, all at once.
+
+    Args:
+        rest: has scene and start of each trial, by its index; of equal ones it is one object.
+    """
+
+    def __init__(self, rest: Mapping[int, Trial]) -> None:
+        self._rest = rest
+        self._members: dict[int, list[int]] = {}
+        for i, standing in rest.items():
+            self._members.setdefault(id(standing), []).append(i)
+        self._known: dict[tuple[int, int], tuple[Trial, dict[int, Trial]]] = {}
+
+    def made(self, hook: _Hook, trial: Trial, index: int) -> Trial:
+        """A trial changed, its motion aside, which is that of the first trial asked for.
+
+        Args:
+            hook: whose effect has a `change_each` of its own.
+            trial: of the index.
+            index: of the trial.
+        """
+        group = id(self._rest[index])
+        known = self._known.get((id(hook), group))
+        if known is None:
+            made = self._together(
+                hook, trial, [i for i in self._members[group] if i in hook.values]
+            )
+            self._known[id(hook), group] = trial, made
+        elif all(getattr(trial, name) is getattr(known[0], name) for name in _ALL_ELSE):
+            made = known[1]
+        else:  # Another effect gave each a scene or start of its own.
+            made = self._together(hook, trial, [index])
+        return made[index]
+
+    @staticmethod
+    def _together(hook: _Hook, trial: Trial, indices: Sequence[int]) -> dict[int, Trial]:
+        values = [hook.values[i] for i in indices]
+        changed = _asked(hook, lambda: hook.effect.change_each(trial, values))
+        return dict(zip(indices, changed, strict=True))
+
+
 class _UnderMotion:
     """Trials that had one motion before the effects that see it; equal ones are made once."""
 
-    def __init__(self) -> None:
+    def __init__(self, each: _Each) -> None:
+        self._each = each
         self._standing, self._moving = _Alike(*_ALL_ELSE), _Alike(*_MOTION)
         self._made: dict[tuple[int, ...], tuple[Trial, Trial]] = {}
 
@@ -282,6 +327,10 @@ class _UnderMotion:
             values = hook.values.get(index)
             if values is None:
                 continue
+            if hook.each:
+                # Under the motion that it had, which is in memory anyway.
+                rest = self._each.made(hook, trial.with_parts(rest, trial, trial.effects), index)
+                continue
             key = id(values), id(rest), id(moved)
             if key not in self._made:
                 found = _made(joined(), hook, values)
@@ -303,6 +352,11 @@ class _Hook:
     effect: Effect
     values: Mapping[int, dict[str, float]]
     composite: Effect | None = None
+
+    @property
+    def each(self) -> bool:
+        """Whether the effect changes a trial with several values in one go."""
+        return type(self.effect).change_each is not Effect.change_each
 
     @property
     def key(self) -> str:
@@ -333,16 +387,21 @@ def _hooks(effects: Sequence[tuple[Effect, Mapping[int, Applied]]]) -> list[_Hoo
 
 
 def _made(trial: Trial, hook: _Hook, values: dict[str, float]) -> Trial:
-    try:
-        changed = hook.effect.change(trial, values)
-    except Vsr2Error as error:
-        key = hook.key_of(error.key) if error.key else hook.key
-        if key == error.key:
-            raise
-        raise type(error)(error.message, key=key, fault=error.fault) from error
+    changed = _asked(hook, lambda: hook.effect.change(trial, values))
     if not isinstance(changed, Trial):
         raise SimulationError(
             f"effect {hook.effect.name!r}: `change` must return a Trial "
             f"(returned {type(changed).__name__})"
         )
     return changed
+
+
+def _asked(hook: _Hook, change: Callable[[], T]) -> T:
+    """What an effect makes; its error names the key of the study."""
+    try:
+        return change()
+    except Vsr2Error as error:
+        key = hook.key_of(error.key) if error.key else hook.key
+        if key == error.key:
+            raise
+        raise type(error)(error.message, key=key, fault=error.fault) from error

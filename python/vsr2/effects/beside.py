@@ -38,7 +38,7 @@ class MotionBeside(Effect):
             displacement, velocity = displacement + side.displacement, velocity + side.velocity
         source = f"{motion.source}; {self.direction} {share:.12g} of it"
         made = motion.with_sides(source, **{self.direction: SideMotion(displacement, velocity)})
-        return replace(trial, motion=made)
+        return trial.under(made)
 
 
 class OffAxisMotion(MotionBeside):

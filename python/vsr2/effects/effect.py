@@ -171,6 +171,14 @@ class Effect:
             trial = part.change(trial, own)
         return trial
 
+    def change_each(self, trial: Trial, values: Sequence[Mapping[str, float]]) -> list[Trial]:
+        """As `change`, of one trial with each of several values.
+
+        For an effect that draws values for each trial and can do them together at less cost. It may
+        change anything but motion and drive, and looks at neither of them.
+        """
+        return [self.change(trial, own) for own in values]
+
     def acting_parts(
         self, values: Mapping[str, float]
     ) -> Iterator[tuple[Effect, dict[str, float]]]:

@@ -7,8 +7,9 @@ velocity and acceleration belong to one solution whatever the time step.
 from __future__ import annotations
 
 import math
+from collections.abc import Callable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import cached_property, lru_cache
 from typing import TypeAlias
 
 import numpy as np
@@ -19,7 +20,7 @@ from vsr2.motion.processing import Kinematics
 from vsr2.motion.resample import Resampled
 
 Array = NDArray[np.float64]
-Path: TypeAlias = Kinematics | Motion | Resampled
+Path: TypeAlias = "Kinematics | LazyPath | Motion | Resampled"
 """Whatever has displacement, velocity and acceleration, each of shape (n,), in SI units."""
 
 
@@ -39,12 +40,12 @@ class OscillatorConstants:
 OSCILLATOR = OscillatorConstants()
 
 
-def held(path: Path, count: int) -> Kinematics:
+def held(path: Path, count: int) -> LazyPath:
     """The path with its last displacement held for `count` more samples, at rest."""
-    return Kinematics(
+    return LazyPath(
         np.pad(path.displacement, (0, count), mode="edge"),
         np.pad(path.velocity, (0, count)),
-        np.pad(path.acceleration, (0, count)),
+        lambda: np.pad(path.acceleration, (0, count)),
     )
 
 
@@ -118,17 +119,36 @@ def _recursions(
     return tuple(numerators), (1.0, float(-trace), float(det))
 
 
-def low_passed(displacement: Array, frequency: float, ratio: float, step: float) -> Kinematics:
+@dataclass(frozen=True, eq=False)
+class LazyPath:
+    """A path whose acceleration is found when it is asked for.
+
+    Attributes:
+        displacement: shape (n,) [m].
+        velocity: shape (n,) [m/s].
+        second: gives the acceleration, shape (n,) [m/s^2].
+    """
+
+    displacement: Array
+    velocity: Array
+    second: Callable[[], Array]
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """Shape (n,) [m/s^2]."""
+        return self.second()
+
+
+def low_passed(displacement: Array, frequency: float, ratio: float, step: float) -> LazyPath:
     """The path behind y'' + 2 zeta w y' + w^2 y = w^2 x, x of shape (n,) [m]."""
     omega = 2 * math.pi * frequency
     y, rate = respond(0.0, omega**2, frequency, ratio, displacement, step)
-    acceleration = omega**2 * (displacement - y) - 2 * ratio * omega * rate
-    return Kinematics(y, rate, acceleration)
+    return LazyPath(y, rate, lambda: omega**2 * (displacement - y) - 2 * ratio * omega * rate)
 
 
 def base_excited(
     displacement: Array, velocity: Array, frequency: float, ratio: float, step: float
-) -> Kinematics:
+) -> LazyPath:
     """The path behind y'' + 2 zeta w (y' - x') + w^2 (y - x) = 0.
 
     Args:
@@ -140,8 +160,11 @@ def base_excited(
     """
     omega = 2 * math.pi * frequency
     y, rate = respond(2 * ratio * omega, omega**2, frequency, ratio, displacement, step)
-    acceleration = omega**2 * (displacement - y) + 2 * ratio * omega * (velocity - rate)
-    return Kinematics(y, rate, acceleration)
+
+    def second() -> Array:
+        return omega**2 * (displacement - y) + 2 * ratio * omega * (velocity - rate)
+
+    return LazyPath(y, rate, second)
 
 
 def limited(path: Path, velocity: float, acceleration: float, step: float, *, loop: float) -> Path:
@@ -166,16 +189,24 @@ def limited(path: Path, velocity: float, acceleration: float, step: float, *, lo
     omega = 2 * math.pi * loop
     begin = int(np.argmax(over))
     position, speed = (float(x[begin - 1]), float(v[begin - 1])) if begin else (0.0, 0.0)
-    targets = (path.displacement.tolist(), path.velocity.tolist(), path.acceleration.tolist())
-    for k in range(begin, x.size):
-        wanted = (
-            targets[2][k]
-            + 2 * omega * (targets[1][k] - speed - targets[2][k] * step)
-            + omega**2 * (targets[0][k] - position - targets[1][k] * step)
+    targets = (signal[begin:].tolist() for signal in (x, v, a))
+    positions, speeds, pushes = list[float](), list[float](), list[float]()
+    for at_x, at_v, at_a in zip(*targets, strict=True):
+        push = (
+            at_a
+            + 2 * omega * (at_v - speed - at_a * step)
+            + omega**2 * (at_x - position - at_v * step)
         )
-        push = min(max(wanted, -acceleration), acceleration)
-        new = min(max(speed + push * step, -velocity), velocity)
+        # Written out: calls of min and max would take half of the time.
+        push = push if push > -acceleration else -acceleration
+        push = push if push < acceleration else acceleration
+        new = speed + push * step
+        new = new if new > -velocity else -velocity
+        new = new if new < velocity else velocity
         position += 0.5 * (speed + new) * step
-        a[k], speed = (new - speed) / step, new
-        x[k], v[k] = position, speed
+        pushes.append((new - speed) / step)
+        positions.append(position)
+        speeds.append(new)
+        speed = new
+    x[begin:], v[begin:], a[begin:] = positions, speeds, pushes
     return Kinematics(x, v, a)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import lru_cache
 
@@ -10,7 +11,16 @@ from numpy.typing import NDArray
 
 from vsr2.config.study import Settling
 from vsr2.errors import GeometryError
-from vsr2.scene import Box, Hull, Pose, RockBody, Support, height_above, start_support
+from vsr2.scene import (
+    Box,
+    Hull,
+    Pose,
+    RockBody,
+    Support,
+    height_above,
+    heights_above,
+    start_support,
+)
 from vsr2.scene.rotation import (
     IDENTITY,
     Quaternion,
@@ -108,7 +118,11 @@ def restand(trial: Trial, parts: tuple[Hull | Box, ...], start: Pose | None = No
     """
     scene, moved = trial.scene, start or trial.start_pose
     before = height_above(scene.rock.parts, trial.start_pose, scene.pedestal)
-    after = height_above(parts, moved, scene.pedestal)
+    return _restood(moved, before, height_above(parts, moved, scene.pedestal))
+
+
+def _restood(moved: Pose, before: float | None, after: float | None) -> Pose:
+    """A start whose gap to the pedestal was `before` and is `after` [m], None where it has none."""
     if before is None or after is None:
         raise GeometryError("the effect leaves no pedestal under the rock; make it smaller")
     x, y, z = moved.position
@@ -126,21 +140,31 @@ def turned_start(trial: Trial, yaw: float, shift: Array) -> Pose:
     Raises:
         GeometryError: the pedestal is no longer under the rock.
     """
-    rotation = matrix_from_quaternion(trial.start_pose.orientation)
-    position = np.asarray(trial.start_pose.position)
-    center = position + rotation @ trial.scene.rock.mass.mass_center
-    turn = yaw_quaternion(yaw)
-    # About the normal of the top and along it, where it slopes.
-    x, y, z, w = slope = trial.scene.pedestal.slope
-    if slope != IDENTITY:
-        turn = multiply(multiply(slope, turn), (-x, -y, -z, w))
-    moved = center + matrix_from_quaternion(turn) @ (position - center)
-    moved += matrix_from_quaternion(slope) @ shift
-    start = Pose(
-        (float(moved[0]), float(moved[1]), float(moved[2])),
-        multiply(turn, trial.start_pose.orientation),
-    )
-    return restand(trial, trial.scene.rock.parts, start)
+    (start,) = turned_starts(trial, [(yaw, shift)])
+    return start
+
+
+def turned_starts(trial: Trial, moves: Sequence[tuple[float, Array]]) -> list[Pose]:
+    """As :func:`turned_start`, of one start turned and shifted in many ways."""
+    own, rock, pedestal = trial.start_pose, trial.scene.rock, trial.scene.pedestal
+    rotation = matrix_from_quaternion(own.orientation)
+    position = np.asarray(own.position)
+    center = position + rotation @ rock.mass.mass_center
+    x, y, z, w = slope = pedestal.slope
+    along = matrix_from_quaternion(slope)
+    starts = []
+    for yaw, shift in moves:
+        turn = yaw_quaternion(yaw)
+        # About the normal of the top and along it, where it slopes.
+        if slope != IDENTITY:
+            turn = multiply(multiply(slope, turn), (-x, -y, -z, w))
+        moved = center + matrix_from_quaternion(turn) @ (position - center)
+        moved += along @ shift
+        at_x, at_y, at_z = moved.tolist()
+        starts.append(Pose((at_x, at_y, at_z), multiply(turn, own.orientation)))
+    before = height_above(rock.parts, own, pedestal)
+    afters = heights_above(rock.parts, starts, pedestal)
+    return [_restood(start, before, after) for start, after in zip(starts, afters, strict=True)]
 
 
 def settle_at(trial: Trial, factor: float) -> Trial:

@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
-from dataclasses import replace
+from collections.abc import Mapping, Sequence
 
 from vsr2.effects.effect import Circumstances, Effect
 from vsr2.effects.geometry import direction
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.standing import turned_start
+from vsr2.effects.standing import turned_starts
 from vsr2.trial import Trial
 
 
@@ -47,5 +46,10 @@ class Placement(Effect):
         }
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        shift = values["offset"] * direction(values["azimuth"])
-        return replace(trial, start=turned_start(trial, math.radians(values["yaw"]), shift))
+        return self.change_each(trial, [values])[0]
+
+    def change_each(self, trial: Trial, values: Sequence[Mapping[str, float]]) -> list[Trial]:
+        moves = [
+            (math.radians(own["yaw"]), own["offset"] * direction(own["azimuth"])) for own in values
+        ]
+        return [trial.starting(start) for start in turned_starts(trial, moves)]

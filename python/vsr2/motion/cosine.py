@@ -9,7 +9,8 @@ import numpy as np
 
 from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, GridCosine, Range
 from vsr2.errors import MotionError
-from vsr2.motion.motion import MAX_SAMPLES, Motion
+from vsr2.motion.motion import Motion
+from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.units import STANDARD_GRAVITY
 
 

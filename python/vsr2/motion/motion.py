@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import hashlib
 import math
-from collections.abc import Mapping
-from dataclasses import dataclass, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -16,9 +16,10 @@ from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import Filter, RecordUnits
 from vsr2.config.section import DEFAULT_TIME_STEP
 from vsr2.errors import MotionError, Renamed
+from vsr2.motion.samples import Deferred, length, samples_of
 from vsr2.motion.units import STANDARD_GRAVITY
 from vsr2.one_line import OneLine
-from vsr2.read_only import ReadOnlyArrays, read_only, real_array
+from vsr2.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -27,8 +28,6 @@ if TYPE_CHECKING:
 
 Array = NDArray[np.float64]
 
-MAX_SAMPLES = 2_000_000
-"""Most samples of a record or a motion (2000 s at 1 kHz): bounds memory before it is taken."""
 START_TOLERANCE = 1e-9
 """Within which a motion starts at 0 [m] or [rad]."""
 
@@ -49,7 +48,7 @@ class SideMotion(ReadOnlyArrays):
 KINDS = ("cosine", "recording")
 SIDES = ("transverse", "vertical", "pitch")
 CHANNELS = ("displacement", "velocity", "acceleration")
-_OWN = (*CHANNELS, "sha256")
+_OWN = (*CHANNELS, "_deferred", "sha256")
 """What a motion that refers to another's samples does not take over."""
 
 
@@ -63,7 +62,7 @@ class Motion(OneLine, ReadOnlyArrays):
         time_step: interval between samples [s].
         displacement: shape (n,) [m]; starts at 0.
         velocity: shape (n,) [m/s].
-        acceleration: shape (n,) [m/s^2].
+        acceleration: shape (n,) [m/s^2]; a :class:`Deferred` of it is checked when it is made.
         kind: "cosine" (motor drive follows position and velocity) or "recording" (position only),
             supplement S1.3.
         source: how it came about (parameters or file), for the provenance.
@@ -115,13 +114,17 @@ class Motion(OneLine, ReadOnlyArrays):
                 f"motion {self.name!r}: time_step must be a positive number [s] (is "
                 f"{self.time_step!r})"
             )
-        for field in CHANNELS:
-            object.__setattr__(self, field, self._checked(field, getattr(self, field)))
-        if not (self.displacement.size == self.velocity.size == self.acceleration.size):
+        given = vars(self)
+        if isinstance(given["acceleration"], Deferred):
+            given["_deferred"] = given.pop("acceleration")
+        kept = [field for field in CHANNELS if field in given]
+        for field in kept:
+            object.__setattr__(self, field, self._checked(field, given[field]))
+        sizes = [given[field].size for field in kept]
+        if min(sizes) != max(sizes):
             raise MotionError(
-                f"motion {self.name!r}: displacement, velocity and acceleration have "
-                f"{self.displacement.size}, {self.velocity.size} and {self.acceleration.size} "
-                "samples; they must have the same number"
+                f"motion {self.name!r}: {_listed(kept)} have {_listed(sizes)} samples; they must "
+                "have the same number"
             )
         self._check_channels_agree()
         self._check_start_and_sides()
@@ -133,6 +136,8 @@ class Motion(OneLine, ReadOnlyArrays):
             gone = vars(Motion).get(name)
             if isinstance(gone, Renamed):  # Whose error led here.
                 gone.__get__(self, Motion)
+            if name == "acceleration" and "_deferred" in vars(self):
+                return self._made_acceleration()
             scaled = "_scaling" in vars(self)
             if name == "acceleration" and not scaled and vars(self).get("recorded") is not None:
                 return self.recorded.motion(self.time_step).acceleration
@@ -141,6 +146,27 @@ class Motion(OneLine, ReadOnlyArrays):
             samples = self._samples(name)
             samples.setflags(write=False)
             return samples
+
+    def __getstate__(self) -> dict[str, Any]:
+        if "_deferred" in vars(self):
+            self._made_acceleration()
+        return vars(self).copy()
+
+    def _made_acceleration(self) -> Array:
+        """The deferred acceleration, which from now on is kept."""
+        deferred: Deferred | None = vars(self).get("_deferred")
+        if deferred is None:  # Another thread has made it.
+            kept: Array = vars(self)["acceleration"]
+            return kept
+        made = self._checked("acceleration", deferred.make())
+        if made.size != self.size:
+            raise MotionError(
+                f"motion {self.name!r}: its acceleration has {made.size} samples, the others "
+                f"{self.size}; they must have the same number"
+            )
+        vars(self)["acceleration"] = made
+        vars(self).pop("_deferred", None)
+        return made
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Motion):
@@ -229,9 +255,13 @@ class Motion(OneLine, ReadOnlyArrays):
         found: tuple[Motion, tuple[float, ...]] = vars(self).get("_scaling", (self, ()))
         return found
 
-    def _samples(self, channel: str, at: slice = slice(None)) -> Array:
+    @property
+    def _origin_defers(self) -> bool:
+        return "_deferred" in vars(self._origin[0])
+
+    def _samples(self, channel: str) -> Array:
         held, factors = self._origin
-        samples: Array = getattr(held, channel)[at]
+        samples: Array = getattr(held, channel)
         for k, factor in enumerate(factors):
             samples = np.multiply(samples, factor, out=samples if k else None)
         return samples
@@ -248,8 +278,8 @@ class Motion(OneLine, ReadOnlyArrays):
         with np.errstate(over="ignore", invalid="ignore"):
             change = self.displacement[1:] - self.displacement[0]
             integral = np.cumsum(0.5 * (rates[1:] + rates[:-1]) * self.time_step)
-            lengths = _length(change), _length(integral)
-            apart = _length(change - integral)
+            lengths = length(change), length(integral)
+            apart = length(change - integral)
         if max(lengths) > 0 and apart**2 >= lengths[0] * lengths[1]:
             root = math.sqrt(self.size)
             raise MotionError(
@@ -259,7 +289,10 @@ class Motion(OneLine, ReadOnlyArrays):
             )
 
     def _check_start_and_sides(self) -> None:
-        first = self._samples("displacement", slice(1))[0]
+        held, factors = self._origin
+        first = float(held.displacement[0])
+        for factor in factors:
+            first *= factor
         if abs(first) > START_TOLERANCE:
             raise MotionError(
                 f"motion {self.name!r}: starts at {first:g} m; the pedestal starts at 0, so "
@@ -305,7 +338,7 @@ class Motion(OneLine, ReadOnlyArrays):
     @property
     def is_spatial(self) -> bool:
         """Whether there is any motion beside x."""
-        return any(side is not None for side in self.sides.values())
+        return not (self.transverse is None and self.vertical is None and self.pitch is None)
 
     @property
     def size(self) -> int:
@@ -379,11 +412,13 @@ class Motion(OneLine, ReadOnlyArrays):
 
         The acceleration, which drives nothing, is made from the record whenever it is asked for.
         """
-        if self.recorded is None or "acceleration" not in vars(self):
+        own = ("acceleration", "_deferred")
+        if self.recorded is None or not any(name in vars(self) for name in own):
             return self
+        peak = self.peak_acceleration
         made = object.__new__(type(self))
-        kept = {name: value for name, value in vars(self).items() if name != "acceleration"}
-        vars(made).update(kept, peak_acceleration=self.peak_acceleration)
+        kept = {name: value for name, value in vars(self).items() if name not in own}
+        vars(made).update(kept, peak_acceleration=peak)
         return made
 
     def scaled(self, factor: float, *, name: str | None = None) -> Motion:
@@ -403,22 +438,22 @@ class Motion(OneLine, ReadOnlyArrays):
         peaks = {
             name: getattr(self, name) * abs(factor)
             for name in ("_peak_displacement", "peak_acceleration", "pgv")
+            # That of an acceleration which nobody has asked for yet stays unknown.
+            if name != "peak_acceleration" or name in vars(self) or not self._origin_defers
         }
         if not all(map(math.isfinite, peaks.values())):
             raise MotionError(f"motion {self.name!r}: times {factor:g} it is not finite")
         held, factors = self._origin
-        recorded = self.recorded
-        with np.errstate(over="ignore"):
-            return self._derived(
-                (held, (*factors, factor)),
-                name=f"{self.name} x {factor:.12g}" if name is None else name,
-                source=f"{self.source}; scaled by {factor:.12g}",
-                resampling_error=self.resampling_error * abs(factor),
-                resampling_error_rms=self.resampling_error_rms * abs(factor),
-                recorded=recorded and replace(recorded, scale=recorded.scale * factor),
-                **{name: _scaled(side, factor) for name, side in self.sides.items()},
-                **peaks,
-            )
+        return self._derived(
+            (held, (*factors, factor)),
+            name=f"{self.name} x {factor:.12g}" if name is None else name,
+            source=f"{self.source}; scaled by {factor:.12g}",
+            resampling_error=self.resampling_error * abs(factor),
+            resampling_error_rms=self.resampling_error_rms * abs(factor),
+            recorded=self.recorded and self.recorded.times(factor),
+            **{name: _scaled(side, factor) for name, side in self.sides.items()},
+            **peaks,
+        )
 
     def with_sides(self, source: str, **sides: SideMotion) -> Motion:
         """The same motion along x with others beside it, which no record tells any more.
@@ -437,47 +472,21 @@ class Motion(OneLine, ReadOnlyArrays):
     def _derived(self, scaling: tuple[Motion, tuple[float, ...]], **changes: Any) -> Motion:
         """A motion whose samples along x are those of another times factors."""
         made = object.__new__(type(self))
-        kept = {name: value for name, value in vars(self).items() if name not in _OWN}
+        kept = vars(self).copy()
+        for name in _OWN:
+            kept.pop(name, None)
         vars(made).update(kept, _scaling=scaling, **changes)
         made._check_start_and_sides()
         return made
 
 
-def _length(signal: Array) -> float:
-    """Root of the sum of squares.
-
-    numpy's `norm` leaves it to BLAS, whose second thread costs more than the sum.
-    """
-    return math.sqrt(float(np.square(signal).sum()))
-
-
-def samples_of(given: Any, what: str, *, fewest: int, file: str = "") -> Array:
-    """`given` as a read-only array of shape (n,), copied where it can be written to.
-
-    Args:
-        given: what should be samples.
-        what: names it in errors.
-        fewest: samples.
-        file: that errors name.
-
-    Raises:
-        MotionError: no array of real numbers, one with a mask, or not of one dimension and
-            `fewest` to `MAX_SAMPLES`.
-    """
-    try:
-        value = read_only(np.asarray(real_array(given), order="C"))
-    except TypeError as error:
-        raise MotionError(f"{what} {error}", file=file) from None
-    if value.ndim != 1 or not fewest <= value.size <= MAX_SAMPLES:
-        raise MotionError(
-            f"{what} has shape {value.shape}; it needs one dimension and {fewest} to "
-            f"{MAX_SAMPLES} samples",
-            file=file,
-        )
-    return value
-
-
 def _scaled(side: SideMotion | None, factor: float) -> SideMotion | None:
     if side is None:
         return None
-    return SideMotion(side.displacement * factor, side.velocity * factor)
+    with np.errstate(over="ignore"):
+        return SideMotion(side.displacement * factor, side.velocity * factor)
+
+
+def _listed(values: Sequence[object]) -> str:
+    *first, last = map(str, values)
+    return f"{', '.join(first)} and {last}"

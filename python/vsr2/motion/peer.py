@@ -16,8 +16,9 @@ import numpy as np
 
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
-from vsr2.motion.motion import MAX_SAMPLES, Array
+from vsr2.motion.motion import Array
 from vsr2.motion.record import Record, file_record
+from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.text_table import MAX_LINE, text_lines
 from vsr2.motion.units import UNITS, Quantity, require_units, unit_in
 

@@ -19,8 +19,8 @@ import numpy as np
 
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
-from vsr2.motion.motion import MAX_SAMPLES
 from vsr2.motion.record import Record, file_record
+from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.text_table import cell_number, number_columns, text_lines, uniform_interval
 from vsr2.motion.units import require_units
 

@@ -11,8 +11,9 @@ import numpy as np
 
 from vsr2.argument_names import checked_names
 from vsr2.errors import MotionError
-from vsr2.motion.motion import Array, samples_of
+from vsr2.motion.motion import Array
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
+from vsr2.motion.samples import samples_of
 from vsr2.motion.units import Quantity
 from vsr2.read_only import ReadOnlyArrays
 

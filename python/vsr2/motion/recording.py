@@ -42,11 +42,12 @@ import numpy as np
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
-from vsr2.motion.motion import MAX_SAMPLES, Array, Motion
+from vsr2.motion.motion import Array, Motion
 from vsr2.motion.npz import NpzError, npz_arrays
 from vsr2.motion.peer import is_peer, read_peer
 from vsr2.motion.plain_text import read_columns, read_original_tab
 from vsr2.motion.record import Record, file_record
+from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.seismology import read_obspy
 from vsr2.motion.text_table import number_columns, text_lines, uniform_interval
 from vsr2.motion.units import STANDARD_GRAVITY, UNITS

@@ -12,14 +12,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, lru_cache
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from vsr2.errors import MotionError
-from vsr2.motion.motion import MAX_SAMPLES, Array
-from vsr2.motion.processing import Kinematics
-from vsr2.motion.sample_spline import at, on_grid, sample_spline
+from vsr2.motion.motion import Array
+from vsr2.motion.sample_spline import KeptWeights, at, on_grid, sample_spline
+from vsr2.motion.samples import MAX_SAMPLES
+
+if TYPE_CHECKING:
+    from scipy.interpolate import BSpline
 
 
 @dataclass(frozen=True)
@@ -41,15 +45,31 @@ MIN_RECORD_SAMPLES = 16
 
 
 @dataclass(frozen=True, eq=False)
-class Resampled(Kinematics):
+class Resampled:
     """A displacement history at a new sampling interval, with the derivatives of its spline.
 
     Attributes:
+        displacement: shape (n,) [m].
+        velocity: shape (n,) [m/s].
+        spline: through the samples, over their number.
+        position: of the new samples but the last, in numbers of old ones, shape (n - 1,).
+        interval: between the old samples [s].
         record: displacement that was resampled, shape (m,) [m]; None where every new sample falls
             on an old one.
     """
 
+    displacement: Array
+    velocity: Array
+    spline: BSpline
+    position: Array
+    interval: float
     record: Array | None
+
+    @cached_property
+    def acceleration(self) -> Array:
+        """Of the spline, and 0 at the last sample; shape (n,) [m/s^2], made when asked for."""
+        (second,) = at(self.spline, self.position, (2,))
+        return np.append(second / self.interval**2, 0.0)
 
     @property
     def error(self) -> float:
@@ -117,14 +137,22 @@ def resample(
     nearest = np.rint(position)
     on_sample = np.abs(position - nearest) < 1e-9
     position = np.where(on_sample, nearest, position)
-    resampled, rate, second = at(spline, position, (0, 1, 2))
+    resampled, rate = at(spline, position, (0, 1), _weights(ratio))
     resampled[on_sample] = values[nearest[on_sample].astype(np.intp)]
     return Resampled(
         displacement=np.append(resampled, values[-1]),
         velocity=np.append(rate / sample_interval, 0.0),
-        acceleration=np.append(second / sample_interval**2, 0.0),
+        spline=spline,
+        position=position,
+        interval=sample_interval,
         record=None if on_sample.all() else values,
     )
+
+
+@lru_cache(maxsize=2)  # A campaign's records have one ratio, and one more where time is stretched.
+def _weights(ratio: float) -> KeptWeights:
+    """Of the positions at multiples of a ratio of intervals, those near samples taken for them."""
+    return KeptWeights()
 
 
 def _left_out_error(values: Array) -> tuple[float, float]:

@@ -29,6 +29,8 @@ SETTLED = 48
 from the end for degree 5, from 21 to the fifth for degree 3."""
 BLOCK = 4096
 """Positions at a time: what belongs to them stays in the processor's cache."""
+MAX_KEPT = 2**16
+"""Positions whose weights are kept: 3 MB for each order of a quintic spline."""
 
 
 def sample_spline(values: Array, degree: int) -> BSpline:
@@ -49,13 +51,47 @@ def sample_spline(values: Array, degree: int) -> BSpline:
     return BSpline.construct_fast(_knots(size, degree), coefficients, degree)
 
 
-def at(spline: BSpline, position: Array, orders: Sequence[int]) -> list[Array]:
+class KeptWeights:
+    """Weights of the coefficients at positions where many splines are asked, kept by blocks.
+
+    For splines of one degree, at the same positions or at the first of them. Of positions beyond
+    `MAX_KEPT` nothing is kept.
+    """
+
+    def __init__(self) -> None:
+        self._known: dict[tuple[int, tuple[int, ...]], tuple[Array, list[Array]]] = {}
+
+    def of(
+        self, start: int, position: Array, degree: int, orders: tuple[int, ...]
+    ) -> tuple[Array, list[Array]]:
+        """The knots before positions and the weights there, as :func:`_weights` has them.
+
+        Args:
+            start: number of the first position.
+            position: of a block, shape (m,).
+            degree: of the spline.
+            orders: of derivatives.
+        """
+        count = position.size
+        floor, weights = self._known.get((start, orders), (position[:0], []))
+        if floor.size < count:
+            floor = np.floor(position)
+            weights = _weights(floor, position, degree, orders)
+            if start < MAX_KEPT:
+                self._known[start, orders] = floor, weights
+        return floor[:count], [weight[:, :count] for weight in weights]
+
+
+def at(
+    spline: BSpline, position: Array, orders: Sequence[int], kept: KeptWeights | None = None
+) -> list[Array]:
     """Values and derivatives of a spline over the sample number at any positions.
 
     Args:
         spline: of :func:`sample_spline`, or an antiderivative of one.
         position: ascending, shape (m,).
         orders: of derivatives; 0: the values.
+        kept: for positions at which other splines are asked, too; None: nothing is kept.
 
     Returns:
         Of each order, shape (m,).
@@ -66,14 +102,16 @@ def at(spline: BSpline, position: Array, orders: Sequence[int]) -> list[Array]:
     for part in (slice(0, begin), slice(end, None)):
         for out, order in zip(found, orders, strict=True):
             out[part] = spline(position[part], order)
-    for start in range(begin, end, BLOCK):
-        part = slice(start, min(start + BLOCK, end))
-        floor = np.floor(position[part])
-        weights = _weights(floor, position[part], spline.k, orders)
-        beside = floor.astype(np.intp) + _first(spline)
+    known = KeptWeights() if kept is None else kept
+    for start in range(begin - begin % BLOCK, end, BLOCK):
+        block = slice(start, min(start + BLOCK, end))
+        floor, weights = known.of(start, position[block], spline.k, tuple(orders))
+        inside = max(begin - start, 0)
+        part = slice(start + inside, block.stop)
+        beside = floor[inside:].astype(np.intp) + _first(spline)
         coefficients = spline.c[beside + np.arange(spline.k + 1)[:, None]]
         for out, weight in zip(found, weights, strict=True):
-            _add(coefficients * weight, out[part])
+            _add(coefficients * weight[:, inside:], out[part])
     return found
 
 

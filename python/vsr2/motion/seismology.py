@@ -12,8 +12,8 @@ import numpy as np
 
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
-from vsr2.motion.motion import MAX_SAMPLES
 from vsr2.motion.record import Record, file_record
+from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.units import require_units
 
 ObspyFormat = Literal["MSEED", "SAC", "KNET"]

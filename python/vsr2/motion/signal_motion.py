@@ -10,9 +10,10 @@ from vsr2.config.motion_source import Filter, RecordUnits
 from vsr2.config.problems import shown
 from vsr2.config.section import DEFAULT_TIME_STEP
 from vsr2.errors import MotionError
-from vsr2.motion.motion import Motion, samples_of
+from vsr2.motion.motion import Motion
 from vsr2.motion.record import Record
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
+from vsr2.motion.samples import samples_of
 from vsr2.motion.study_motions import build_recorded_motion, warn_of_unusual_pga
 from vsr2.motion.units import UNITS
 

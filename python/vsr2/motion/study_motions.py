@@ -9,7 +9,7 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
 from pathlib import Path
-from typing import assert_never
+from typing import Any, assert_never
 from weakref import WeakKeyDictionary
 
 from vsr2.config.motion_source import (
@@ -36,6 +36,7 @@ from vsr2.motion.processing import band_pass, taper_ends
 from vsr2.motion.record import Record
 from vsr2.motion.recording import read_record
 from vsr2.motion.resample import resample
+from vsr2.motion.samples import Deferred
 
 MAX_MOTIONS = 100_000
 """Most motions of one study."""
@@ -152,13 +153,16 @@ class Recorded:
     crossover: float | None = None
 
     def __post_init__(self) -> None:
-        if not math.isfinite(self.scale) or self.scale == 0:
-            raise MotionError(f"{self.record.label}: scale {self.scale} must be finite and not 0")
+        self._check_scale()
         self._check_crossover()
         if self.noise is not None and self.used != "fused":
             raise MotionError(
                 f"{self.record.label}: noise has no effect on the {self.used} channel; leave it out"
             )
+
+    def _check_scale(self) -> None:
+        if not math.isfinite(self.scale) or self.scale == 0:
+            raise MotionError(f"{self.record.label}: scale {self.scale} must be finite and not 0")
 
     def _check_crossover(self) -> None:
         if self.crossover is None:
@@ -175,6 +179,17 @@ class Recorded:
     def used(self) -> Channel:
         """The channel that drives, "auto" resolved."""
         return next(iter(self.record.channels)) if self.channel == "auto" else self.channel
+
+    def times(self, factor: float) -> Recorded:
+        """The same record, driving `factor` times as far.
+
+        Raises:
+            MotionError: the scale becomes 0, NaN or infinite.
+        """
+        made = object.__new__(type(self))
+        vars(made).update(vars(self), scale=self.scale * factor)
+        made._check_scale()
+        return made
 
     def through(self, channel: Channel) -> Recorded:
         """The same record and scale through another channel.
@@ -209,8 +224,9 @@ class Recorded:
         driven = resample(
             self.scale * taper_ends(displacement, interval), interval, time_step, name=record.label
         )
-        for samples in (driven.displacement, driven.velocity, driven.acceleration):
+        for samples in (driven.displacement, driven.velocity):
             samples.setflags(write=False)  # Nobody else has them, and a motion need not copy them.
+        acceleration: Any = Deferred(lambda: driven.acceleration)
         treatment = "no filter"
         if filter is not None:
             treatment = f"band-pass {filter.low:g}-{filter.high:g} Hz order {filter.order}"
@@ -221,7 +237,7 @@ class Recorded:
             time_step=time_step,
             displacement=driven.displacement,
             velocity=driven.velocity,
-            acceleration=driven.acceleration,
+            acceleration=acceleration,
             kind="recording",
             source=(
                 f"{record.label}, sha256 {record.sha256 or 'none'}, {how}, {treatment}, "

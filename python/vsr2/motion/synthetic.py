@@ -15,8 +15,9 @@ import numpy as np
 
 from vsr2.errors import MotionError
 from vsr2.motion.measures import significant_duration
-from vsr2.motion.motion import MAX_SAMPLES, Array, Motion
+from vsr2.motion.motion import Array, Motion
 from vsr2.motion.record import Record
+from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.study_motions import build_recorded_motion
 
 

@@ -14,9 +14,10 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.errors import MotionError
-from vsr2.motion.motion import MAX_SAMPLES, Array
+from vsr2.motion.motion import Array
 from vsr2.motion.record import MAX_INTERVAL, MIN_INTERVAL
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
+from vsr2.motion.samples import MAX_SAMPLES
 
 MAX_LINE = 10_000
 """Longest line [characters]."""

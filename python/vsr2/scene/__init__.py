@@ -20,7 +20,7 @@ from vsr2.scene.mass import (
 from vsr2.scene.mechanisms import Mechanisms
 from vsr2.scene.mesh import LoadedMesh, load_mesh
 from vsr2.scene.notes import SceneNote, SceneWarning
-from vsr2.scene.placement import drop_height, height_above, start_pose
+from vsr2.scene.placement import drop_height, height_above, heights_above, start_pose
 from vsr2.scene.scene import Scene, build_scene
 from vsr2.scene.stability import (
     Slenderness,
@@ -59,6 +59,7 @@ __all__ = [
     "build_scene",
     "drop_height",
     "height_above",
+    "heights_above",
     "inertia_summary",
     "load_mesh",
     "load_urdf",

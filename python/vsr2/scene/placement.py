@@ -108,6 +108,40 @@ def height_above(parts: tuple[Hull | Box, ...], pose: Pose, pedestal: PedestalBo
     return None if lift is None else -lift
 
 
+def heights_above(
+    parts: tuple[Hull | Box, ...], poses: Sequence[Pose], pedestal: PedestalBody
+) -> list[float | None]:
+    """As :func:`height_above`, of one rock in many poses."""
+    found: list[float | None] = []
+    placed = np.vstack(_corners(parts))
+    for chunk in _chunks(len(poses), placed.size):
+        some = poses[chunk]
+        low, high = _spans(some, placed)
+        for pose, least, most in zip(some, low, high, strict=True):
+            if _covered_by_even_top(pedestal, least, most):
+                found.append(-float(pedestal.top - least[2]))
+            else:
+                found.append(height_above(parts, pose, pedestal))
+    return found
+
+
+def _spans(poses: Sequence[Pose], points: Array) -> tuple[Array, Array]:
+    """Least and greatest coordinates of points (k, 3) in each of n poses, both of shape (n, 3)."""
+    rows = np.array([matrix_from_quaternion(pose.orientation) for pose in poses])
+    x, y, z = points.T
+    # As in transform_points, of which the bits are those of a start.
+    placed = rows[:, :, 0, None] * x
+    placed += rows[:, :, 1, None] * y
+    placed += rows[:, :, 2, None] * z
+    placed += np.array([pose.position for pose in poses])[:, :, None]
+    return placed.min(axis=2), placed.max(axis=2)
+
+
+def _corners(parts: Sequence[Hull | Box]) -> list[Array]:
+    """Points of each part in the model frame, each once."""
+    return [part.distinct if isinstance(part, Hull) else box_corners(part) for part in parts]
+
+
 def stands_over(pedestal: PedestalBody, x: float, y: float) -> bool:
     """Whether the vertical through (x, y) [m] meets the pedestal at its start."""
     surface = pedestal_surface(pedestal)
@@ -127,8 +161,7 @@ def _lift(
     parts: Sequence[Hull | Box], pose: Pose, pedestal: PedestalBody, clearance: float
 ) -> float | None:
     """Rise from `pose` at which the rock is `clearance` above the pedestal; None: beside it."""
-    corners = [part.distinct if isinstance(part, Hull) else box_corners(part) for part in parts]
-    placed = transform_points(pose, np.vstack(corners))
+    placed = transform_points(pose, np.vstack(_corners(parts)))
     low, high = placed.min(axis=0), placed.max(axis=0)
     if _covered_by_even_top(pedestal, low, high):
         return float(pedestal.top + clearance - low[2])

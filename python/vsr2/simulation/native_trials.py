@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import time
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
 from functools import lru_cache
@@ -28,15 +29,19 @@ class QueueConstants:
     `python benchmarks/million_trials.py`.
 
     Attributes:
-        poll: how often finished trials are collected and Ctrl-C is looked for [s].
+        poll: how often finished trials are collected and Ctrl-C is looked for, at least [s].
+        pause: share of the time that the core is busy anyway, for which finished trials may lie.
         trials: most that the core holds, waiting, running or not yet taken.
         bytes: most that their samples and logs can take, unless two trials a thread take more.
+        refill: share of either down to which they run out before more are made.
         starts: settled starts that are kept for later trials.
     """
 
     poll: float = 0.1
+    pause: float = 0.1
     trials: int = 1024
     bytes: int = 2**25
+    refill: float = 0.5
     starts: int = 4096
 
 
@@ -101,27 +106,34 @@ def run_native(
     # Specifications are kept: who lets go of a motion last needs the interpreter's lock, for which
     # a thread of the core would wait while trials are made.
     under_way: dict[int, tuple[Trial, _native.TrialSpec, float]] = {}
-    ahead = 0.0
+    ahead, began, taken = 0.0, time.monotonic(), 0
     waiting = iter(trials)
     following = next(waiting, None)
     try:
         while not native.exhausted():
+            # Trials are made, and taken, many at a time: one by one Python's code would be fetched
+            # into the processor's cache again for each.
+            share = QUEUE.refill
             while following is not None:
                 # A scaled motion's samples are made for its trial.
                 size = log_bytes(following) + 16 * following.motion.size
-                full = len(under_way) >= QUEUE.trials or ahead + size > QUEUE.bytes
+                full = len(under_way) >= share * QUEUE.trials or ahead + size > share * QUEUE.bytes
                 if full and len(under_way) >= 2 * threads:
                     break
+                share = 1.0
                 specification = _specification(following, settled_start)
                 under_way[native.add(specification)] = following, specification, size
                 ahead += size
                 following = next(waiting, None)
             else:
                 native.close()
+            busy = len(under_way) * (time.monotonic() - began) / max(taken, 1)
+            time.sleep(min(QUEUE.poll, QUEUE.pause * busy) if taken else 0.0)
             for i in native.wait(QUEUE.poll):
                 result = native.take(i)
                 trial, _, size = under_way.pop(i)
                 ahead -= size
+                taken += 1
                 take(i, trial, _row(result), _log(trial, result))
             if stopped():
                 native.cancel()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import hashlib
+import struct
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
@@ -93,6 +94,11 @@ class Applied:
     def key(self) -> str:
         """Text that tells it from others."""
         return f"{self.effect.name}{self.values!r}{self.effect.code}"
+
+    @property
+    def bits(self) -> bytes:
+        """What tells it from another of its effect that has values of the same names."""
+        return struct.pack(f"{len(self.values)}d", *[value for _, value in self.values])
 
 
 _FIELDS: Mapping[str, tuple[Any, str]] = {
@@ -202,11 +208,23 @@ class Trial(OneLine):
             moved: of which motion and drive are.
             effects: that are in it.
         """
-        made = object.__new__(type(self))
-        vars(made).update(
-            vars(self), motion=moved.motion, drive=moved.drive, scene=rest.scene, start=rest.start,
+        return self._with(
+            motion=moved.motion, drive=moved.drive, scene=rest.scene, start=rest.start,
             outcome=rest.outcome, settling=rest.settling, effects=effects,
         )  # fmt: skip
+
+    def under(self, motion: Motion) -> Trial:
+        """The trial under another motion; nothing else is checked again."""
+        return self._with(motion=motion)
+
+    def starting(self, start: Pose) -> Trial:
+        """The trial with another start; nothing else is checked again."""
+        return self._with(start=start)
+
+    def _with(self, **changes: Any) -> Trial:
+        """The trial with other fields of the right types: `replace` would check all of them."""
+        made = object.__new__(type(self))
+        vars(made).update(vars(self), **changes)
         return made
 
     def with_scene(self, **changes: Any) -> Trial:
