@@ -50,6 +50,19 @@ void bind_contact_values(py::module_& m, std::index_sequence<kIndex...>) {
         kContactParameters[i].name, [i](const ContactValues& values) { return values.all[i]; },
         kContactParameters[i].unit);
   m.def("combine", &combine, py::arg("a"), py::arg("b"));
+
+  using P = ContactParameter;
+  py::class_<P>(m, "ContactParameter", "What a contact parameter may be, and is where nothing is given.")
+      .def_readonly("name", &P::name)
+      .def_readonly("unit", &P::unit, "Empty: none.")
+      .def_property_readonly("least", [](const P& p) { return p.range.least; })
+      .def_property_readonly("greatest", [](const P& p) { return p.range.greatest; })
+      .def_property_readonly("above", [](const P& p) { return p.range.above; }, "Whether the least is left out.")
+      .def_readonly("original", &P::original, "Value of the original system.")
+      .def_readonly("usual", &P::usual, "Value of a study that gives none.");
+  m.def("contact_parameters", [] {
+    return std::vector<ContactParameter>(kContactParameters.begin(), kContactParameters.end());
+  });
 }
 
 void bind_engine(py::module_& m) {

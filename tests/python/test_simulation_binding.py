@@ -11,7 +11,7 @@ import pickle
 import re
 import struct
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import asdict, replace
 from pathlib import Path
 from typing import Any
@@ -21,7 +21,7 @@ import pytest
 
 from vsr2 import _native
 from vsr2.config.study import Engine, Material, Outcome
-from vsr2.errors import Fault, SimulationError
+from vsr2.errors import ConfigError, Fault, SimulationError
 from vsr2.motion import Motion, cosine_motion
 from vsr2.read_only import read_only
 from vsr2.scene import build_scene
@@ -364,12 +364,26 @@ def test_every_column_has_a_unit_a_description_and_a_type(table: str) -> None:
 
 
 def test_study_and_core_name_the_same_contact_parameters_in_the_same_units() -> None:
-    named = {
-        name: getattr(_native.ContactValues, name).__doc__
-        for name in vars(_native.ContactValues)
-        if not name.startswith("_")
-    }
-    assert named == {
+    assert {one.name: one.unit for one in _native.contact_parameters()} == {
         name: "".join(re.findall(r"\[(.+?)\]", field.description or "")[:1])
         for name, field in Material.model_fields.items()
     }
+
+
+def out_of_range(one: _native.ContactParameter) -> Iterator[float]:
+    yield one.least if one.above else math.nextafter(one.least, -math.inf)
+    if math.isfinite(one.greatest):
+        yield math.nextafter(one.greatest, math.inf)
+
+
+@pytest.mark.parametrize("one", _native.contact_parameters(), ids=lambda one: one.name)
+def test_study_and_core_take_the_same_contact_values(one: _native.ContactParameter) -> None:
+    scene = build_scene(study())
+    assert getattr(Material(), one.name) == one.usual
+    for value in out_of_range(one):
+        with pytest.raises(ConfigError, match=one.name):
+            Material(**{one.name: value})
+        rock = scene.contact.rock.model_copy(update={one.name: value})
+        contact = scene.contact.model_copy(update={"rock": rock})
+        with pytest.raises(SimulationError, match=f"rock.*{one.name} must be"):
+            native_scene(replace(scene, contact=contact))
