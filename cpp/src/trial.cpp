@@ -241,13 +241,8 @@ class Trial {
 
   void log_contacts(double time) {
     world_.world().contacts(contacts_);
-    for (const ContactPoint& c : contacts_) {
-      const std::array<double, kContactColumns> row = {
-          time, c.p_W_rock.x(), c.p_W_rock.y(), c.p_W_rock.z(), c.p_W_pedestal.x(),
-          c.p_W_pedestal.y(), c.p_W_pedestal.z(), c.normal_W.x(), c.normal_W.y(), c.normal_W.z(),
-          c.distance, c.normal_impulse, c.lateral_impulse_1, c.lateral_impulse_2,
-          c.direction_1.x(), c.direction_1.y(), c.direction_1.z(),
-          c.direction_2.x(), c.direction_2.y(), c.direction_2.z()};
+    for (const ContactPoint& contact : contacts_) {
+      const auto row = contact_row(time, contact);
       result_.contacts.insert(result_.contacts.end(), row.begin(), row.end());
     }
   }
@@ -322,6 +317,16 @@ class Trial {
 };
 
 }  // namespace
+
+std::array<double, kContactColumns> contact_row(double time, const ContactPoint& c) {
+  return {time,
+          c.p_W_rock.x(), c.p_W_rock.y(), c.p_W_rock.z(),
+          c.p_W_pedestal.x(), c.p_W_pedestal.y(), c.p_W_pedestal.z(),
+          c.normal_W.x(), c.normal_W.y(), c.normal_W.z(),
+          c.distance, c.normal_impulse, c.lateral_impulse_1, c.lateral_impulse_2,
+          c.direction_1.x(), c.direction_1.y(), c.direction_1.z(),
+          c.direction_2.x(), c.direction_2.y(), c.direction_2.z()};
+}
 
 double tilt_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB) {
   // The turn q = q_WB q_WB0* takes the vertical to a direction with z component

@@ -188,8 +188,10 @@ def test_running_contact_carries_the_weight_with_the_pair_values() -> None:
     for point in contacts:
         assert point["stiffness"] == pytest.approx(pair.stiffness, rel=1e-12)
         assert point["restitution"] == pytest.approx(pair.restitution)
+    logged = {one.vector or one.name for one in _native.contact_columns()} - {"time"}
+    assert set(contacts[0]) == logged | set(type(scene.contact.rock).model_fields)
         assert point["spinning_friction"] == pytest.approx(pair.spinning_friction)
-        assert point["normal_W"][2] == pytest.approx(1.0)
+        assert point["normal"][2] == pytest.approx(1.0)
     weight = scene.rock.mass.mass * 9.81 * 1e-3
     assert sum(point["normal_impulse"] for point in contacts) == pytest.approx(weight, rel=1e-5)
 

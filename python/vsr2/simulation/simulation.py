@@ -381,8 +381,10 @@ class Simulation(OneLine):
     def contacts(self) -> list[dict[str, Any]]:
         """Contacts of the rock as the last solver step used them, one mapping each.
 
-        Keys: `p_W_rock`, `p_W_pedestal` [m], `normal_W` (from pedestal to rock), `distance`
-        (negative: penetration) [m], `normal_impulse` and `lateral_impulse` (2,) over one solver
-        step [N s], their two directions, and the pair values in force.
+        Keys, as in the contact log (`vsr2.results.CONTACT_COLUMNS`), vectors in the world as arrays
+        (3,): `rock_point`, `pedestal_point` [m], `normal` (from pedestal to rock), `distance`
+        (negative: penetration) [m], `normal_impulse`, `lateral_impulse_1`, `lateral_impulse_2`
+        over one solver step [N s], `lateral_direction_1`, `lateral_direction_2`; and the pair
+        values in force.
         """
         return list(self._world.contacts())
