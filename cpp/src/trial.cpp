@@ -44,7 +44,7 @@ void check(const TrialSpec& spec) {
     if (!channel) continue;
     if (spec.start->drive() != Drive::prescribed_spatial)
       throw InvalidInput("the motion has channels besides x; they need the drive prescribed_spatial",
-                         InputFault::drive);
+                         Fault::drive);
     if (channel->size() != size)
       throw InvalidInput("the motion's channels differ in length");
     if (!all_finite(*channel)) throw InvalidInput("the motion has a value that is not finite");
@@ -53,7 +53,7 @@ void check(const TrialSpec& spec) {
   if (spec.pitch && spec.start->scene()->pedestal().pitch_spring)
     throw InvalidInput(
         "the motion pitches, and the pedestal pitches on a spring; leave one of them out",
-        InputFault::drive);
+        Fault::drive);
   if (spec.log_every < 0 || spec.contacts_every < 0)
     throw InvalidInput("log intervals must be at least 0");
   if (!(spec.tail >= 0)) throw InvalidInput("the tail must be at least 0 s");

@@ -66,7 +66,7 @@ void bind_contact_values(py::module_& m, std::index_sequence<kIndex...>) {
 }
 
 void bind_engine(py::module_& m) {
-  bind_enum<EngineKind>(m, "EngineKind",
+  bind_enum<EngineKind>(m,
                         {{"auto", EngineKind::automatic},
                          {"parity", EngineKind::parity},
                          {"exact", EngineKind::exact},
@@ -74,12 +74,12 @@ void bind_engine(py::module_& m) {
   // For settings in which an engine is a word.
   const py::object literal = py::module_::import("typing").attr("Literal");
   m.attr("EngineMode") = py::object(literal[names_of(m, "EngineKind")]);
-  bind_enum<Handover>(m, "HandOver",
+  bind_enum<Handover>(m,
                       {{"none", Handover::none},
                        {"off_the_top", Handover::off_the_top},
                        {"motor_on_a_slope", Handover::motor_on_a_slope},
                        {"too_deep", Handover::too_deep}});
-  bind_enum<FastRefusal>(m, "FastRefusal",
+  bind_enum<FastRefusal>(m,
                          {{"none", FastRefusal::none},
                           {"several_parts", FastRefusal::several_parts},
                           {"pedestal_not_a_box", FastRefusal::pedestal_not_a_box},

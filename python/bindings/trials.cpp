@@ -101,7 +101,7 @@ struct DeleteWithoutGil {
 };
 
 void bind_endings(py::module_& m) {
-  bind_enum<Status>(m, "Status",
+  bind_enum<Status>(m,
                     {{"ok", Status::ok},
                      {"settling_timeout", Status::settling_timeout},
                      {"tail_timeout", Status::tail_timeout},
@@ -109,7 +109,7 @@ void bind_endings(py::module_& m) {
                      {"error", Status::error},
                      {"cancelled", Status::cancelled},
                      {"not_run", Status::not_run}});
-  bind_enum<Outcome>(m, "Outcome",
+  bind_enum<Outcome>(m,
                      {{"stable", Outcome::stable},
                       {"rocked", Outcome::rocked},
                       {"slid", Outcome::slid},

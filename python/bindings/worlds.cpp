@@ -26,7 +26,7 @@ py::dict contact_dict(const ContactPoint& contact) {
     out[kContactLog[first].vector] = py::array_t<double>(static_cast<py::ssize_t>(i - first), &row[first]);
   }
   for (std::size_t i = 0; i < kContactParameters.size(); ++i)
-    out[kContactParameters[i].name] = c.pair.all[i];
+    out[kContactParameters[i].name] = contact.pair.all[i];
   return out;
 }
 
@@ -83,7 +83,7 @@ void bind_readings(py::class_<RecordedWorld>& bound) {
 }  // namespace
 
 void bind_worlds(py::module_& m) {
-  bind_enum<Drive>(m, "Drive",
+  bind_enum<Drive>(m,
                    {{"prescribed", Drive::prescribed},
                     {"prescribed_spatial", Drive::prescribed_spatial},
                     {"motor_position", Drive::motor_position},

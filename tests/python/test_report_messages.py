@@ -271,9 +271,8 @@ WORDED = {
 """Where the sentences of an enumeration stand."""
 SHOWN_BY_NAME = {
     "BudgetState", "Drive", "EffectAxis", "EngineKind", "EngineName", "FastRefusal",
-    "FeatureChannel", "Fitted", "GapState", "HandOver", "Identifiability", "InputFault", "Kind",
-    "LocationAxis", "Loss", "MeasurementKind", "Objective", "Outcome", "Phase", "PredictedBy",
-    "Scope", "Third",
+    "FeatureChannel", "GapState", "HandOver", "Kind", "LocationAxis", "Loss", "MeasurementKind",
+    "Objective", "Outcome", "Phase", "PredictedBy", "Scope", "Third",
 }  # fmt: skip
 """Enumerations whose members are words of files and tables, or choose between sentences."""
 ELSEWHERE = {"Code", "FitNote", "NoBaselines", "Status"}

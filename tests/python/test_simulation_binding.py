@@ -273,11 +273,11 @@ def test_errors_of_the_core_carry_a_code() -> None:
     world = _native.World(scene=native_scene(build_scene(study())), drive=_native.Drive.prescribed)
     with pytest.raises(_native.InvalidInput) as caught:
         world.delete_rock()
-    assert caught.value.fault is _native.InputFault.no_rock
+    assert caught.value.fault == "no_rock"
     with pytest.raises(SimulationError) as reported, refusals("rock"):
         world.delete_rock()
     assert reported.value.fault is Fault.NO_ROCK
-    assert {fault.value for fault in Fault} >= set(_native.InputFault.__members__)
+    assert set(Fault) >= set(_native.InvalidInput.faults)
 
 
 def test_samples_are_borrowed_and_given_back() -> None:

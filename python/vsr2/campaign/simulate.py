@@ -121,7 +121,7 @@ def simulate_campaign(
     result, series = _run(trials, noise, seed, run)
     ends = {}
     for i, row in enumerate(rows):
-        if result["status"][i] != Status.ok.name:
+        if result["status"][i] != Status.ok:
             ends[row.trial] = str(result["status"][i])
         rows[i] = _judged(row, result, i, noise, _generator(seed, i, 1), series.get(i))
     facts = _facts(study, wanted, noise, seed, series_every)
@@ -256,7 +256,7 @@ def trial_statuses(campaign: Campaign) -> dict[str, Status]:
             f"campaign {campaign.name!r}: its provenance does not say how its trials ended; "
             "simulate it again with this VSR2"
         )
-    return {trial.trial: Status[ends.get(trial.trial, Status.ok.name)] for trial in campaign.trials}
+    return {trial.trial: Status[ends.get(trial.trial, Status.ok)] for trial in campaign.trials}
 
 
 def _judged(
@@ -268,8 +268,8 @@ def _judged(
     series: Series | None,
 ) -> CampaignTrial:
     status, outcome = str(result["status"][at]), str(result["outcome"][at])
-    note = "" if status == Status.ok.name else status
-    if status not in JUDGED or outcome == Outcome.failed.name:
+    note = "" if status == Status.ok else status
+    if status not in JUDGED or outcome == Outcome.failed:
         return replace(row, note=note or outcome)
     peak = float(result["peak_tilt"][at])
     if noise.peak_tilt:
@@ -278,7 +278,7 @@ def _judged(
         peak *= float(np.exp(noise.peak_tilt_relative * rng.standard_normal()))
     return replace(
         row,
-        overturned=outcome == Outcome.overturned.name,
+        overturned=outcome == Outcome.overturned,
         peak_tilt=float(np.clip(peak, 0.0, np.pi)) if np.isfinite(peak) else None,
         note=note,
         series=series,
