@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -191,14 +192,22 @@ def test_stubs_are_up_to_date() -> None:
     assert check.returncode == 0, f"run ./scripts/stubs.sh\n{check.stdout}{check.stderr}"
 
 
-def test_a_diagnosis_states_every_constant_that_it_rests_on() -> None:
-    from vsr2.diagnosis.constants import diagnosis_constants
+RESTED_ON = {
+    "simulation.run_constants.run_constants": ("scene", "motion", "effects"),
+    "diagnosis.constants.diagnosis_constants": ("diagnosis", "scene", "motion", "effects"),
+}
+"""Rooms on whose tuned numbers a run and a diagnosis rest, by the function that gathers them."""
 
-    stated = {frozenset(one) for one in diagnosis_constants().values()}
-    # Of other products than a diagnosis, which state them themselves.
-    elsewhere = {"PredictionConstants", "ReferenceConstants"}
+
+@pytest.mark.parametrize("gatherer", RESTED_ON)
+def test_a_result_states_every_constant_that_it_rests_on(gatherer: str) -> None:
+    module, _, name = gatherer.rpartition(".")
+    gathered = getattr(import_module(f"vsr2.{module}"), name)
+    stated = {frozenset(one) for one in gathered().values()}
+    # Of other products, which state them themselves.
+    elsewhere = {"PredictionConstants", "ReferenceConstants", "StabilityConstants"}
     for path in MODULES:
-        if path.relative_to(PACKAGE).parts[0] not in ("diagnosis", "effects"):
+        if path.relative_to(PACKAGE).parts[0] not in RESTED_ON[gatherer]:
             continue
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, ast.ClassDef) and node.name.endswith("Constants"):

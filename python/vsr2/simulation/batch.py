@@ -49,6 +49,7 @@ from vsr2.simulation.distributed import run_on_cluster
 from vsr2.simulation.native_scenes import native_scene
 from vsr2.simulation.native_trials import run_native
 from vsr2.simulation.planning import check_trials, log_bytes, plan_sha256, study_trials
+from vsr2.simulation.run_constants import run_constants
 from vsr2.trial import Observation, Trial
 
 if TYPE_CHECKING:
@@ -135,6 +136,7 @@ def run_batch(
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
         "effects": _effects_given(trials),
+        "constants": run_constants(),
     }
     return BatchResult(collection.columns, tuple(collection.logs), provenance)
 
