@@ -311,8 +311,11 @@ def test_samples_are_lent_only_where_nobody_can_write_to_them() -> None:
     owner.setflags(write=False)
     lent = np.frombuffer(bytes(80))
     for array in (owner, view, lent, lent[2:], np.asarray(lent.data), np.asarray(owner.data)):
-        assert read_only(array) is array
-        _native.Samples(values=array)
+        kept = read_only(array)
+        assert np.shares_memory(kept, array)
+        _native.Samples(values=kept)
+        with pytest.raises(ValueError, match="WRITEABLE"):
+            kept.setflags(write=True)
 
 
 def through_pickle(motion: Motion) -> Motion:

@@ -22,6 +22,7 @@ from vsr2._native import Status as Status
 from vsr2.argument_names import checked_names
 from vsr2.errors import ResultError
 from vsr2.one_line import OneLine
+from vsr2.read_only import ReadOnlyDict
 from vsr2.results.trial_log import CONTACT_COLUMNS, STATE_COLUMNS, Array, TrialLog
 
 if TYPE_CHECKING:
@@ -123,7 +124,6 @@ COLUMNS = {
 """What files of a batch hold; with other columns they are refused."""
 
 
-@checked_names(ResultError)
 def _as_members(name: str, column: NDArray[Any], words: type[StrEnum]) -> NDArray[Any]:
     """A column of words as members of an enumeration; an empty text stays where it may stand."""
     members = {**words.__members__, **({"": ""} if _RESULTS[name].missing else {})}
@@ -138,6 +138,7 @@ def _as_members(name: str, column: NDArray[Any], words: type[StrEnum]) -> NDArra
     return out
 
 
+@checked_names(ResultError)
 @dataclass(frozen=True, eq=False, repr=False)
 class BatchResult(OneLine):
     """Outcomes, logs and provenance of a batch.
@@ -146,7 +147,8 @@ class BatchResult(OneLine):
         trials: columns TRIAL_COLUMNS, each of shape (trials,), read-only; strings as object
             arrays, those of `WORDS` as members of their enumerations.
         logs: one per trial; None where nothing was logged.
-        provenance: study, versions, build facts, hashes, seeds, wall time (JSON-serialisable).
+        provenance: study, versions, build facts, hashes, seeds, wall time (JSON-serialisable),
+            read-only.
 
     Raises:
         ResultError: a column is missing, unknown, or not as long as there are trials, or one of
