@@ -81,21 +81,7 @@ def test_a_missing_argument_is_named_and_other_errors_of_type_stay() -> None:
         broken(1.0)
 
 
-class _More(TypedDict, total=False):
-    threads: int
-
-
-def test_options_of_a_dictionary_are_arguments_too() -> None:
-    @checked_names(CampaignError, _More)
-    def run(first: int, **more: int) -> int:
-        return first + more.get("threads", 0)
-
-    assert run(1, threads=2) == 3
-    with pytest.raises(CampaignError, match="did you mean `threads`"):
-        run(1, thread=2)
-
-
-def test_an_old_name_is_told_only_where_the_new_one_is_an_argument() -> None:
+def test_an_old_name_is_named_only_where_the_new_one_is_an_argument() -> None:
     with pytest.raises(CampaignError, match=r"_Own\(old=\.\.\.\): is gone; use new \[m\]"):
         Own(old=1.0)
     with pytest.raises(CampaignError, match=r"is no argument; known are new, other"):

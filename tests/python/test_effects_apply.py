@@ -128,15 +128,15 @@ def test_a_sprung_scene_is_one_under_all_motions(trials: list[Trial]) -> None:
 
 def test_a_trials_motion_goes_with_the_trial(trials: list[Trial]) -> None:
     # The first two share a motion, and what an effect makes of it.
-    shared = [trials[0], replace(trials[0], name="again"), *trials[1:]]
+    repeated = [trials[0], replace(trials[0], name="again"), *trials[1:]]
     given = [(effect("table_resonance"), effect("table_resonance").extreme())]
     alive: list[weakref.ref[Motion]] = []
-    for i, trial in each_with_effects(shared, given):
+    for i, trial in each_with_effects(repeated, given):
         assert not any(one() for one in alive if one() is not trial.motion)
         alive.append(weakref.ref(trial.motion))
-        assert trial.motion != shared[i].motion
+        assert trial.motion != repeated[i].motion
         del trial
-    assert len({id(one) for one in alive}) == len(shared) - 1
+    assert len({id(one) for one in alive}) == len(repeated) - 1
 
 
 def test_order_of_application_is_that_of_the_list() -> None:
