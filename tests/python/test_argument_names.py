@@ -5,13 +5,13 @@ from __future__ import annotations
 import inspect
 import pickle
 from collections.abc import Callable
-from typing import Any, TypedDict
+from typing import Any
 
 import pytest
 
 import vsr2
 from vsr2.argument_names import checked_names
-from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, simulate_campaign
+from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, RunOptions, simulate_campaign
 from vsr2.diagnosis import Budget, Execution, Hypotheses, iterate
 from vsr2.errors import CampaignError, DiagnosisError, MotionError, Renamed, Vsr2Error
 from vsr2.motion import Motion, Record
@@ -38,7 +38,7 @@ def test_every_public_callable_names_the_argument_that_is_meant(of: Callable[...
     ("call", "error", "said"),
     [
         (lambda: CampaignTrial(pga=0.3), CampaignError, "(pga=...): is gone; use pga_g [g]"),
-        (lambda: simulate_campaign([], thread=1), CampaignError, "did you mean `threads`?"),
+        (lambda: RunOptions(thread=1), CampaignError, "did you mean `threads`?"),
         (lambda: Motion(tiem_step=1), MotionError, "did you mean `time_step`?"),
         (lambda: Budget(minute=1), DiagnosisError, "did you mean `minutes`?"),
         (lambda: Budget(zzz=1), DiagnosisError, "known are minutes, simulations, campaigns"),

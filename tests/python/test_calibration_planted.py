@@ -33,7 +33,7 @@ from vsr2.calibration import (
 from vsr2.calibration.calibration_study import CALIBRATION
 from vsr2.calibration.evaluation import campaign_sha256
 from vsr2.calibration.objective import metrics_of
-from vsr2.campaign import Campaign, load_campaign, simulate_campaign
+from vsr2.campaign import Campaign, RunOptions, load_campaign, simulate_campaign
 from vsr2.config import load_study
 from vsr2.errors import CampaignError, ConfigError, ResultError
 
@@ -295,7 +295,7 @@ def test_effects_act_as_in_the_campaign_they_were_simulated_with(tmp_path):
     plain = load_campaign(tmp_path / "truth")
     seed = study.study.seed
     worn = simulate_campaign(
-        planted_study(tmp_path), effects=study.study.effects, threads=1, seed=seed
+        planted_study(tmp_path), effects=study.study.effects, seed=seed, run=RunOptions(threads=1)
     )
     assert (worn.overturned != plain.overturned).any()
     values = {"yaw": KNOWN_YAW, "restitution": 0.35}
