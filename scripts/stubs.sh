@@ -9,8 +9,11 @@ trap 'rm -rf "$out"' EXIT
   --print-value-comments >/dev/null)
 # A choice of words is a type; other values are not needed.
 sed -E -i 's/^(\w+): typing\._LiteralGenericAlias  # value = (.*)$/\1 = \2/; s/  # value = .*//' "$out/vsr2/_native.pyi"
+# Of an enumeration of words its members; the machinery that it inherits differs between interpreters.
+awk '/^[^ ]/ { words = /enum[.]StrEnum/ } !words || /^class/ || /^    [a-z][a-z_]*: typing[.]ClassVar[[][A-Z]/' \
+  "$out/vsr2/_native.pyi" | grep -v '^import builtins$' >"$out/stub.pyi"
 if [ "${1:-}" = check ]; then
-  diff -u python/vsr2/_native.pyi "$out/vsr2/_native.pyi"
+  diff -u python/vsr2/_native.pyi "$out/stub.pyi"
 else
-  cp "$out/vsr2/_native.pyi" python/vsr2/_native.pyi
+  cp "$out/stub.pyi" python/vsr2/_native.pyi
 fi

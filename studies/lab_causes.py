@@ -52,11 +52,11 @@ def families(options: argparse.Namespace) -> tuple[Campaign, dict[Causes, Array]
     for size in range(len(DRAWN) + 1):
         for acting in combinations(DRAWN, size):
             effects = {name for cause in acting for name in DRAWN[cause]}
-            whole = size == len(DRAWN)
+            complete = size == len(DRAWN)
             found = margins_of(
                 options.campaign, options.scene,
-                options.margins if whole else options.out / "-".join(("nominal", *acting)),
-                replicates=options.margins_replicates if whole else options.replicates,
+                options.margins if complete else options.out / "-".join(("nominal", *acting)),
+                replicates=options.margins_replicates if complete else options.replicates,
                 threads=options.threads,
                 priors=tuple(row for row in WIDE if row[0] in effects),
             )[0]  # fmt: skip
@@ -120,12 +120,12 @@ def main() -> None:
     parser.add_argument("--members", type=int, default=24)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
-    seen, margins, whole = families(options)
+    seen, margins, complete = families(options)
     by_causes = losses(seen, margins)
     simulated, floor = as_simulated(options)
     curve = logistic_baseline(load_campaign(options.campaign).with_motion(), folds=PREDICTION.folds)
     assert curve.used.all()
-    best = out_of_fold_probability(whole, seen.overturned, seen.motion_ids, PREDICTION.folds)
+    best = out_of_fold_probability(complete, seen.overturned, seen.motion_ids, PREDICTION.folds)
     none, everything = by_causes[frozenset()], by_causes[frozenset(CAUSES)]
     columns = {
         "as simulated": simulated,

@@ -109,22 +109,40 @@ inline btMultiBodyLinkCollider& add_collider(Body& body, int link, btCollisionSh
   return *body.colliders.back();
 }
 
+/// A contact parameter that Bullet knows: as a property of a body, and of a pair at a contact point.
+struct BulletParameter {
+  ContactKey key;
+  void (*set)(btCollisionObject&, double);
+  btScalar btManifoldPoint::* combined;
+};
+inline constexpr BulletParameter kBulletParameters[] = {
+    {"restitution", [](btCollisionObject& body, double value) { body.setRestitution(value); },
+     &btManifoldPoint::m_combinedRestitution},
+    {"lateral_friction", [](btCollisionObject& body, double value) { body.setFriction(value); },
+     &btManifoldPoint::m_combinedFriction},
+    {"spinning_friction", [](btCollisionObject& body, double value) { body.setSpinningFriction(value); },
+     &btManifoldPoint::m_combinedSpinningFriction},
+    {"rolling_friction", [](btCollisionObject& body, double value) { body.setRollingFriction(value); },
+     &btManifoldPoint::m_combinedRollingFriction},
+    {"stiffness",
+     [](btCollisionObject& body, double value) {
+       body.setContactStiffnessAndDamping(value, body.getContactDamping());
+     },
+     &btManifoldPoint::m_combinedContactStiffness1},
+    {"damping",
+     [](btCollisionObject& body, double value) {
+       body.setContactStiffnessAndDamping(body.getContactStiffness(), value);
+     },
+     &btManifoldPoint::m_combinedContactDamping1},
+};
+
 inline void set_material(btCollisionObject& object, const ContactValues& material) {
-  object.setRestitution(material["restitution"]);
-  object.setFriction(material["lateral_friction"]);
-  object.setSpinningFriction(material["spinning_friction"]);
-  object.setRollingFriction(material["rolling_friction"]);
-  object.setContactStiffnessAndDamping(material["stiffness"], material["damping"]);
+  for (const BulletParameter& one : kBulletParameters) one.set(object, material[one.key]);
 }
 
 // `pair` with the values that Bullet has made of two materials.
 inline ContactValues pair_at(const btManifoldPoint& point, ContactValues pair) {
-  pair["restitution"] = point.m_combinedRestitution;
-  pair["lateral_friction"] = point.m_combinedFriction;
-  pair["spinning_friction"] = point.m_combinedSpinningFriction;
-  pair["rolling_friction"] = point.m_combinedRollingFriction;
-  pair["stiffness"] = point.m_combinedContactStiffness1;
-  pair["damping"] = point.m_combinedContactDamping1;
+  for (const BulletParameter& one : kBulletParameters) pair[one.key] = point.*one.combined;
   return pair;
 }
 

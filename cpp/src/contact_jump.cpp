@@ -37,17 +37,15 @@ struct Variables {
     if (p.joint == Joint::motor) ++count;
     for (std::size_t i = 0; i < contacts; ++i)
       if (pattern.closed[i]) normal[i] = count++;
-    if (p.spinning_friction > 0) {
-      bool stopped = false;
-      for (std::size_t i = 0; i < contacts; ++i) {
-        if (!pattern.closed[i]) continue;
-        const bool is_free = pattern.spin[i] == Pattern::free;
-        if (!is_free || !stopped) spin[i] = count++;
-        stopped = is_free;
-      }
+    bool stopped = false;
+    for (std::size_t i = 0; i < contacts; ++i) {
+      if (!pattern.closed[i] || !(p.rows[i].bounds.spinning(1.0) > 0)) continue;
+      const bool is_free = pattern.spin[i] == Pattern::free;
+      if (!is_free || !stopped) spin[i] = count++;
+      stopped = is_free;
     }
     for (std::size_t i = 0; i < contacts; ++i) {
-      if (!pattern.closed[i] || !(p.rows[i].friction > 0)) continue;
+      if (!pattern.closed[i] || !(p.rows[i].bounds.lateral(1.0) > 0)) continue;
       lateral[i] = count;
       count += 2;
     }
@@ -168,7 +166,7 @@ class Jump {
       const double length = std::sqrt(u_1 * u_1 + u_2 * u_2);
       cosine = u_1 / length;
       sine = u_2 / length;
-      turn = rows.friction * rows.normal.impulse / length;
+      turn = rows.bounds.lateral(rows.normal.impulse) / length;
     }
     Slide() = default;
   };
@@ -203,7 +201,7 @@ class Jump {
       if (at == Pattern::free) return;
       jump_.spin_unbounded_[i] = next;
       const double sign = at == Pattern::upper ? 1.0 : -1.0;
-      next = (sign * jump_.p_.spinning_friction) * normal(i);
+      next = sign * jump_.p_.rows[i].bounds.spinning(normal(i));
     }
     VSR2_INLINE bool has_lateral(std::size_t i) const { return jump_.v_.lateral[i] >= 0; }
     VSR2_INLINE void bound_lateral(std::size_t i, Linear& next_1, Linear& next_2) {
@@ -211,7 +209,7 @@ class Jump {
       jump_.lateral_unbounded_1_[i] = next_1;
       jump_.lateral_unbounded_2_[i] = next_2;
       const Slide& slide = jump_.slide_[i];
-      const Linear radial = jump_.p_.rows[i].friction * normal(i);
+      const Linear radial = jump_.p_.rows[i].bounds.lateral(normal(i));
       const Linear across = slide.turn * (slide.cosine * next_2 - slide.sine * next_1);
       next_1 = slide.cosine * radial - slide.sine * across;
       next_2 = slide.sine * radial + slide.cosine * across;
@@ -320,11 +318,11 @@ class Jump {
       if (!(n > 0.0 && n < kGreatestImpulse)) return false;
       if (pattern_.spin[i] == Pattern::free) {
         const double s = v_.spin[i] < 0 ? r.spin.impulse : r.spin.impulse + e[v_.spin[i]];
-        if (!(std::fabs(s) <= p_.spinning_friction * n)) return false;
+        if (!(std::fabs(s) <= r.bounds.spinning(n))) return false;
       }
       const int q = v_.lateral[i];
       if (q >= 0 && !pattern_.slides[i]) {
-        const double limit = r.friction * n;
+        const double limit = r.bounds.lateral(n);
         const double a = r.lateral_1.impulse + e[q];
         const double b = r.lateral_2.impulse + e[q + 1];
         if (!(a * a + b * b < limit * limit)) return false;
@@ -345,10 +343,10 @@ class Jump {
     for (int q = 0; q < count_ - 1; ++q) n += next[q] * power_[0].column[q][v_.normal[i]];
     if (v_.spin[i] >= 0 && pattern_.spin[i] != Pattern::free) {
       const double s = r.spin.unbounded + spin_unbounded_[i].of(next);
-      if (!((pattern_.spin[i] == Pattern::upper ? s : -s) > p_.spinning_friction * n)) return false;
+      if (!((pattern_.spin[i] == Pattern::upper ? s : -s) > r.bounds.spinning(n))) return false;
     }
     if (v_.lateral[i] < 0 || !pattern_.slides[i]) return true;
-    const double limit = r.friction * n;
+    const double limit = r.bounds.lateral(n);
     const double a = r.lateral_1.unbounded + lateral_unbounded_1_[i].of(next);
     const double b = r.lateral_2.unbounded + lateral_unbounded_2_[i].of(next);
     const double u_1 = r.lateral_1.unbounded, u_2 = r.lateral_2.unbounded;

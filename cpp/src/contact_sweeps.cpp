@@ -49,12 +49,12 @@ class NumberRows {
     row.change = 0.0;
     if (!(normal(i) > 0.0)) return false;
     // A free row stops the spin, which leaves nothing to do for a free one after it.
-    if (!stopped_ || !(std::fabs(row.impulse) <= p_.spinning_friction * normal(i))) return true;
+    if (!stopped_ || !(std::fabs(row.impulse) <= p_.rows[i].bounds.spinning(normal(i)))) return true;
     pattern_.spin[i] = Pattern::free;
     return false;
   }
   VSR2_INLINE void bound_spin(std::size_t i, double& next) {
-    const double limit = p_.spinning_friction * normal(i);
+    const double limit = p_.rows[i].bounds.spinning(normal(i));
     p_.rows[i].spin.unbounded = next;
     pattern_.spin[i] = next > limit ? Pattern::upper : next < -limit ? Pattern::lower : Pattern::free;
     stopped_ = pattern_.spin[i] == Pattern::free;
@@ -68,7 +68,7 @@ class NumberRows {
   }
   VSR2_INLINE void bound_lateral(std::size_t i, double& next_1, double& next_2) {
     ContactRows& rows = p_.rows[i];
-    const double limit = rows.friction * normal(i);
+    const double limit = rows.bounds.lateral(normal(i));
     const double square = next_1 * next_1 + next_2 * next_2;
     const double cross = next_1 * rows.lateral_2.unbounded - next_2 * rows.lateral_1.unbounded;
     rows.lateral_1.unbounded = next_1;

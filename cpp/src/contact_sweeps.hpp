@@ -5,6 +5,7 @@
 #include <array>
 
 #include "contact_rows.hpp"
+#include "friction_bounds.hpp"
 
 namespace vsr2 {
 
@@ -16,13 +17,12 @@ struct ContactRows {
   SpinningRow spin;
   Lateral1Row lateral_1;
   Lateral2Row lateral_2;
-  double friction;  ///< coefficient of the lateral rows [1]
+  FrictionBounds bounds;  ///< of the lateral and spinning rows
 };
 
 struct ContactProblem {
   std::array<ContactRows, 4> rows;
   int count = 0;
-  double spinning_friction = 0.0;  ///< bound of a spinning impulse per normal impulse [m]
   Joint joint = Joint::none;
   MotorRow motor;
   VelocityChange<double> change;  ///< by all impulses so far

@@ -27,18 +27,18 @@ PedestalState on_the_way(Drive drive, const PedestalState& start, const Pedestal
 void check_drive(const PedestalSpec& pedestal, Drive drive) {
   if (pedestal.pitch_spring && drive != Drive::prescribed_spatial)
     throw InvalidInput("the pedestal has a sprung pitch joint; it needs the drive prescribed_spatial",
-                       InputFault::drive);
+                       Fault::drive);
 }
 
 void check_target(const PedestalSpec& pedestal, Drive drive, const DriveTarget& target) {
   const Excursion& x = target.excursion;
   if (drive != Drive::prescribed_spatial && (x.transverse != 0 || x.vertical != 0 || x.pitch != 0))
     throw InvalidInput("the pedestal moves along x only with this drive; use prescribed_spatial",
-                       InputFault::drive);
+                       Fault::drive);
   if (pedestal.pitch_spring && x.pitch != 0)
     throw InvalidInput(
         "the pedestal pitches on a spring and takes no set-points of pitch; leave one of them out",
-        InputFault::drive);
+        Fault::drive);
 }
 
 double MotorLaw::damped(const EngineSettings& engine, double velocity, double dt) {

@@ -5,7 +5,7 @@ namespace vsr2 {
 void require_fast(const Scene& scene) {
   if (fast_refusal(scene) != FastRefusal::none)
     throw InvalidInput("the engine `fast` does not take this scene; choose `auto` or `exact`",
-                       InputFault::engine_domain);
+                       Fault::engine_domain);
 }
 
 EngineKind choose_engine(const Scene& scene) {

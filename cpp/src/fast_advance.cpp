@@ -42,8 +42,9 @@ Vector3d bounded_velocity(const Vector3d& v) {
 
 }  // namespace
 
-// A step's velocities and contact law, along the support's axes. The one place where the contact
-// parameters act: both ways to find impulses take the law from here.
+// A step's velocities and contact law, along the support's axes. The one place where contact parameters
+// act on normal rows, as FrictionBounds is for those of friction: both ways to find impulses take the
+// law from here.
 struct FastStepper::ContactStep {
   const ContactValues& pair;
   double threshold;  // of the speed of approach, for restitution [m/s]
@@ -89,8 +90,6 @@ struct FastStepper::ContactStep {
   double rebound(double approach) const {
     return std::fabs(approach) >= threshold ? std::max(0.0, pair["restitution"] * -approach) : 0.0;
   }
-  double friction(double scale) const { return pair["lateral_friction"] * scale; }
-  double spinning_friction() const { return pair["spinning_friction"]; }
   double closing(const Contact& at) const {
     const double distance = at.distance + kLinearSlop;
     return distance > 0 ? -distance / dt : -distance * erp / dt;
@@ -144,7 +143,6 @@ bool FastStepper::stick(const ContactStep& step, const Support& support,
   problem.mass = m.mass;
   problem.inertia = step.R_PB * m.inertia.asDiagonal() * step.R_PB.transpose();
   problem.softness = step.softness;
-  problem.spinning_friction = step.spinning_friction();
   problem.angular = step.w - step.support_w;
   problem.linear = step.v - step.support_v;
   if (step.turns) {
@@ -157,7 +155,7 @@ bool FastStepper::stick(const ContactStep& step, const Support& support,
                            .y = c.r_P.y(),
                            .z = c.r_P.z(),
                            .target = step.rebound(step.slip(c).z()) + step.closing(c),
-                           .friction = step.friction(friction_scale[i]),
+                           .bounds = FrictionBounds::of(m.pair, friction_scale[i]),
                            .normal = c.normal_impulse};
   }
   if (!solve_sticking(problem)) return false;
@@ -181,7 +179,6 @@ void FastStepper::sweep(const ContactStep& step, const Support& support, const S
                                             step.R_PB.transpose()};
   ContactProblem problem;
   problem.count = count_;
-  problem.spinning_friction = step.spinning_friction();
   problem.motor = motor.row(step.support_v.x());
   Vector3d pitch_P = Vector3d::Zero();
   Vector3d axis_P = Vector3d::Zero();
@@ -195,7 +192,7 @@ void FastStepper::sweep(const ContactStep& step, const Support& support, const S
   for (int i = 0; i < count_; ++i) {
     const Contact& c = contacts_[i];
     ContactRows& rows = problem.rows[i];
-    rows.friction = step.friction(friction_scale[i]);
+    rows.bounds = FrictionBounds::of(m.pair, friction_scale[i]);
     const Vector3d& r = c.r_P;
     const Vector3d slip = step.slip(c);
     // Slip by a unit rate of pitch, and that rate by a unit impulse along the slip.

@@ -8,6 +8,7 @@
 #include "bullet_world.hpp"
 #include "drive_law.hpp"
 #include "fast_stepper.hpp"
+#include "friction_bounds.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/engines.hpp"
 
@@ -152,8 +153,8 @@ class FastWorld final : public World {
     const FastModel& model = stepper_.model();
     const Eigen::Matrix3d R_TB = last_turn_.transpose() * stepper_.state.q_WB.toRotationMatrix();
     Foothold foothold{.R_WT = last_turn_,
-                      .friction = model.pair["lateral_friction"] *
-                                  std::min(1.0, scene_->mechanisms().friction_ratio),
+                      .friction = FrictionBounds::of(model.pair, std::min(1.0, scene_->mechanisms().friction_ratio))
+                                      .lateral(1.0),
                       .stiffness = model.pair["stiffness"],
                       .damping = model.pair["damping"],
                       .mass = model.mass,

@@ -108,7 +108,7 @@ WorldState RecordedWorld::save_state() const {
 
 void RecordedWorld::restore_state(const WorldState& state) {
   if (state.drive != drive_)
-    throw InvalidInput("the state is of a world with another drive", InputFault::drive);
+    throw InvalidInput("the state is of a world with another drive", Fault::drive);
   state.check();
   std::vector<Action> actions = state.actions;
   std::unique_ptr<World> world = make_world(scene_, drive_);

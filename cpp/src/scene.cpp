@@ -47,8 +47,12 @@ void check_pose(const Pose& pose, const std::string& what) {
 void check_material(const ContactValues& material, const std::string& what) {
   for (std::size_t i = 0; i < material.all.size(); ++i) {
     const ContactParameter& parameter = kContactParameters[i];
-    require_all(what, {{parameter.name, material.all[i], parameter.range == Range::positive ? positive : 0.0,
+    const auto& [least, greatest, above] = parameter.range;
+    require_all(what, {{parameter.name, material.all[i], above ? std::nextafter(least, greatest) : least,
                         parameter.unit}});
+    require(material.all[i] <= greatest, what + ": " + parameter.name + " must be at most " +
+                                             std::to_string(greatest) + ", got " +
+                                             std::to_string(material.all[i]));
   }
 }
 

@@ -57,11 +57,12 @@ class Solver {
       return true;
     }
     if (size_ > 1) return move_without_spin();
-    if (!(p_.spinning_friction > 0.0)) return move_about_one(0.0);
+    const double brake = closed(0).bounds.spinning(1.0);
+    if (!(brake > 0.0)) return move_about_one(0.0);
     if (!move_without_spin()) return false;
     const double stops = spinning_impulse();
-    if (!(lambda_[0] > 0.0) || std::fabs(stops) <= p_.spinning_friction * lambda_[0]) return true;
-    return move_about_one(std::copysign(p_.spinning_friction, stops));
+    if (!(lambda_[0] > 0.0) || std::fabs(stops) <= brake * lambda_[0]) return true;
+    return move_about_one(std::copysign(brake, stops));
   }
 
   bool move_without_spin() {
@@ -260,7 +261,8 @@ class Solver {
     for (int k = 0; k < size_; ++k) {
       StickingContact& at = closed(k);
       const double s_x = f_x / sum - turn * (at.y - y), s_y = f_y / sum + turn * (at.x - x);
-      if (!(s_x * s_x + s_y * s_y < at.friction * at.friction)) return false;
+      const double greatest = at.bounds.lateral(1.0);
+      if (!(s_x * s_x + s_y * s_y < greatest * greatest)) return false;
       at.normal = lambda_[k];
       at.lateral_x = lambda_[k] * s_x;
       at.lateral_y = lambda_[k] * s_y;

@@ -27,13 +27,15 @@
 
 #include <Eigen/Core>
 
+#include "friction_bounds.hpp"
+
 namespace vsr2 {
 
 /// A contact as a step finds it.
 struct StickingContact {
-  double x, y, z;   ///< from the mass centre, along the support's axes [m]
-  double target;    ///< normal velocity wanted [m/s]
-  double friction;  ///< coefficient [1]
+  double x, y, z;  ///< from the mass centre, along the support's axes [m]
+  double target;   ///< normal velocity wanted [m/s]
+  FrictionBounds bounds;
   // Results [N s].
   double normal = 0.0;     ///< in: greater than 0 where the contact was closed before
   double lateral_x = 0.0;  ///< on the rock
@@ -46,7 +48,6 @@ struct StickingProblem {
   double mass = 0.0;                       ///< [kg]
   Eigen::Matrix3d inertia;                 ///< along the support's axes [kg m^2]
   double softness = 0.0;                   ///< of the normal rows [1/kg]
-  double spinning_friction = 0.0;          ///< [m]
   Eigen::Vector3d angular, linear;  ///< in: relative velocity; out: its change [rad/s], [m/s]
 };
 

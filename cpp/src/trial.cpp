@@ -44,7 +44,7 @@ void check(const TrialSpec& spec) {
     if (!channel) continue;
     if (spec.start->drive() != Drive::prescribed_spatial)
       throw InvalidInput("the motion has channels besides x; they need the drive prescribed_spatial",
-                         InputFault::drive);
+                         Fault::drive);
     if (channel->size() != size)
       throw InvalidInput("the motion's channels differ in length");
     if (!all_finite(*channel)) throw InvalidInput("the motion has a value that is not finite");
@@ -53,7 +53,7 @@ void check(const TrialSpec& spec) {
   if (spec.pitch && spec.start->scene()->pedestal().pitch_spring)
     throw InvalidInput(
         "the motion pitches, and the pedestal pitches on a spring; leave one of them out",
-        InputFault::drive);
+        Fault::drive);
   if (spec.log_every < 0 || spec.contacts_every < 0)
     throw InvalidInput("log intervals must be at least 0");
   if (!(spec.tail >= 0)) throw InvalidInput("the tail must be at least 0 s");
@@ -241,13 +241,8 @@ class Trial {
 
   void log_contacts(double time) {
     world_.world().contacts(contacts_);
-    for (const ContactPoint& c : contacts_) {
-      const std::array<double, kContactColumns> row = {
-          time, c.p_W_rock.x(), c.p_W_rock.y(), c.p_W_rock.z(), c.p_W_pedestal.x(),
-          c.p_W_pedestal.y(), c.p_W_pedestal.z(), c.normal_W.x(), c.normal_W.y(), c.normal_W.z(),
-          c.distance, c.normal_impulse, c.lateral_impulse_1, c.lateral_impulse_2,
-          c.direction_1.x(), c.direction_1.y(), c.direction_1.z(),
-          c.direction_2.x(), c.direction_2.y(), c.direction_2.z()};
+    for (const ContactPoint& contact : contacts_) {
+      const auto row = contact_row(time, contact);
       result_.contacts.insert(result_.contacts.end(), row.begin(), row.end());
     }
   }
@@ -322,6 +317,16 @@ class Trial {
 };
 
 }  // namespace
+
+std::array<double, kContactColumns> contact_row(double time, const ContactPoint& c) {
+  return {time,
+          c.p_W_rock.x(), c.p_W_rock.y(), c.p_W_rock.z(),
+          c.p_W_pedestal.x(), c.p_W_pedestal.y(), c.p_W_pedestal.z(),
+          c.normal_W.x(), c.normal_W.y(), c.normal_W.z(),
+          c.distance, c.normal_impulse, c.lateral_impulse_1, c.lateral_impulse_2,
+          c.direction_1.x(), c.direction_1.y(), c.direction_1.z(),
+          c.direction_2.x(), c.direction_2.y(), c.direction_2.z()};
+}
 
 double tilt_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB) {
   // The turn q = q_WB q_WB0* takes the vertical to a direction with z component

@@ -28,11 +28,11 @@ PedestalMotion pedestal_motion(const PedestalSpec& pedestal, const PedestalState
 }
 
 void require_rock(bool has_rock) {
-  if (!has_rock) throw InvalidInput("there is no rock", InputFault::no_rock);
+  if (!has_rock) throw InvalidInput("there is no rock", Fault::no_rock);
 }
 
 void require_no_rock(bool has_rock) {
-  if (has_rock) throw InvalidInput("there is a rock already; delete it first", InputFault::rock_present);
+  if (has_rock) throw InvalidInput("there is a rock already; delete it first", Fault::rock_present);
 }
 
 void World::carry(const DriveTarget&, const DriveTarget&) {

@@ -11,13 +11,12 @@
 #include <vector>
 
 #include <pybind11/eigen.h>
-#include <pybind11/native_enum.h>
 #include <pybind11/numpy.h>
 #include <pybind11/pybind11.h>
 #include <pybind11/stl.h>
 
-#include "vsr2/rest.hpp"
-#include "vsr2/scene.hpp"
+#include "vsr2/engines.hpp"
+#include "vsr2/trial.hpp"
 
 namespace vsr2::binding {
 
@@ -98,7 +97,64 @@ T taken(T value, const char*) {
   return value;
 }
 
+/// The class in Python of an enumeration of the core: an enum.StrEnum, whose members are words.
+template <typename E>
+struct Word;
+template <>
+struct Word<Drive> {
+  static constexpr char name[] = "Drive";
+};
+template <>
+struct Word<EngineKind> {
+  static constexpr char name[] = "EngineKind";
+};
+template <>
+struct Word<FastRefusal> {
+  static constexpr char name[] = "FastRefusal";
+};
+template <>
+struct Word<Handover> {
+  static constexpr char name[] = "HandOver";
+};
+template <>
+struct Word<Outcome> {
+  static constexpr char name[] = "Outcome";
+};
+template <>
+struct Word<Status> {
+  static constexpr char name[] = "Status";
+};
+/// The members, which live as long as the process.
+template <typename E>
+struct Words {
+  static inline std::vector<std::pair<E, py::handle>> members;
+};
+
+template <typename E>
+concept HasWord = requires { Word<E>::name; };
+
 }  // namespace vsr2::binding
+
+template <vsr2::binding::HasWord E>
+struct pybind11::detail::type_caster_enum_type_enabled<E> : std::false_type {};
+
+template <vsr2::binding::HasWord E>
+struct pybind11::detail::type_caster<E> {
+  PYBIND11_TYPE_CASTER(E, const_name("vsr2._native.") + const_name(vsr2::binding::Word<E>::name));
+  bool load(handle source, bool) {
+    for (const auto& [member, word] : vsr2::binding::Words<E>::members) {
+      if (!word.is(source)) continue;
+      value = member;
+      return true;
+    }
+    return false;
+  }
+  static handle cast(E source, return_value_policy, handle) {
+    for (const auto& [member, word] : vsr2::binding::Words<E>::members)
+      if (member == source) return word.inc_ref();
+    throw cast_error("no word for a value of an enumeration");
+  }
+};
 
 template <typename T>
 struct pybind11::detail::type_caster<vsr2::binding::Given<T>> {
@@ -143,12 +199,18 @@ py::class_<T> bind_record(py::module_& m, const char* name, const Fields&... fie
   return type;
 }
 
-/// An enumeration with the names of its values.
+/// An enumeration of words, with the names of its values.
 template <typename E>
-void bind_enum(py::module_& m, const char* name, std::initializer_list<std::pair<const char*, E>> values) {
-  py::native_enum<E> type(m, name, "enum.Enum");
-  for (const auto& [label, value] : values) type.value(label, value);
-  type.finalize();
+void bind_enum(py::module_& m, std::initializer_list<std::pair<const char*, E>> values) {
+  py::list names;
+  for (const auto& [label, value] : values) names.append(py::make_tuple(label, label));
+  const py::object type = py::module_::import("enum").attr("StrEnum")(
+      Word<E>::name, names, py::arg("module") = m.attr("__name__"));
+  // Tables of results are columns of words, and print as such.
+  type.attr("__repr__") = py::handle(reinterpret_cast<PyObject*>(&PyUnicode_Type)).attr("__repr__");
+  for (const auto& [label, value] : values)
+    Words<E>::members.emplace_back(value, py::object(type.attr(label)).release());
+  m.attr(Word<E>::name) = type;
 }
 
 /// The names of the values of an enumeration of the module.

@@ -50,10 +50,23 @@ void bind_contact_values(py::module_& m, std::index_sequence<kIndex...>) {
         kContactParameters[i].name, [i](const ContactValues& values) { return values.all[i]; },
         kContactParameters[i].unit);
   m.def("combine", &combine, py::arg("a"), py::arg("b"));
+
+  using P = ContactParameter;
+  py::class_<P>(m, "ContactParameter", "What a contact parameter may be, and is where nothing is given.")
+      .def_readonly("name", &P::name)
+      .def_readonly("unit", &P::unit, "Empty: none.")
+      .def_property_readonly("least", [](const P& p) { return p.range.least; })
+      .def_property_readonly("greatest", [](const P& p) { return p.range.greatest; })
+      .def_property_readonly("above", [](const P& p) { return p.range.above; }, "Whether the least is left out.")
+      .def_readonly("original", &P::original, "Value of the original system.")
+      .def_readonly("usual", &P::usual, "Value of a study that gives none.");
+  m.def("contact_parameters", [] {
+    return std::vector<ContactParameter>(kContactParameters.begin(), kContactParameters.end());
+  });
 }
 
 void bind_engine(py::module_& m) {
-  bind_enum<EngineKind>(m, "EngineKind",
+  bind_enum<EngineKind>(m,
                         {{"auto", EngineKind::automatic},
                          {"parity", EngineKind::parity},
                          {"exact", EngineKind::exact},
@@ -61,12 +74,12 @@ void bind_engine(py::module_& m) {
   // For settings in which an engine is a word.
   const py::object literal = py::module_::import("typing").attr("Literal");
   m.attr("EngineMode") = py::object(literal[names_of(m, "EngineKind")]);
-  bind_enum<Handover>(m, "HandOver",
+  bind_enum<Handover>(m,
                       {{"none", Handover::none},
                        {"off_the_top", Handover::off_the_top},
                        {"motor_on_a_slope", Handover::motor_on_a_slope},
                        {"too_deep", Handover::too_deep}});
-  bind_enum<FastRefusal>(m, "FastRefusal",
+  bind_enum<FastRefusal>(m,
                          {{"none", FastRefusal::none},
                           {"several_parts", FastRefusal::several_parts},
                           {"pedestal_not_a_box", FastRefusal::pedestal_not_a_box},

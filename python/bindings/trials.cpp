@@ -56,6 +56,8 @@ struct NamedColumn {
   std::string description;
   std::string missing;  ///< what it says that a value is NaN or empty
   std::string dtype;
+  std::string vector = "";
+  std::string quantity = "";
 };
 
 /// The numbers of a trial's row, in the order of its columns.
@@ -83,7 +85,9 @@ template <std::size_t kCount>
 void bind_columns(py::module_& m, const char* name, const std::array<Column, kCount>& columns) {
   m.def(name, [&columns] {
     std::vector<NamedColumn> out;
-    for (const Column& one : columns) out.push_back({one.name, one.unit, one.description, "", "float64"});
+    for (const Column& one : columns)
+      out.push_back({one.name, one.unit, std::string(one.description) + one.component, "", "float64",
+                     one.vector, one.description});
     return out;
   });
 }
@@ -97,7 +101,7 @@ struct DeleteWithoutGil {
 };
 
 void bind_endings(py::module_& m) {
-  bind_enum<Status>(m, "Status",
+  bind_enum<Status>(m,
                     {{"ok", Status::ok},
                      {"settling_timeout", Status::settling_timeout},
                      {"tail_timeout", Status::tail_timeout},
@@ -105,7 +109,7 @@ void bind_endings(py::module_& m) {
                      {"error", Status::error},
                      {"cancelled", Status::cancelled},
                      {"not_run", Status::not_run}});
-  bind_enum<Outcome>(m, "Outcome",
+  bind_enum<Outcome>(m,
                      {{"stable", Outcome::stable},
                       {"rocked", Outcome::rocked},
                       {"slid", Outcome::slid},
@@ -231,7 +235,9 @@ void bind_column_lists(py::module_& m) {
       .def_readonly("unit", &C::unit, "1: a number without one; empty: no number.")
       .def_readonly("description", &C::description, "Without the unit.")
       .def_readonly("missing", &C::missing, "What NaN or an empty text says; empty: nothing.")
-      .def_readonly("dtype", &C::dtype, "That numpy holds it with; text is of dtype object.");
+      .def_readonly("dtype", &C::dtype, "That numpy holds it with; text is of dtype object.")
+      .def_readonly("vector", &C::vector, "Of which it is a component; empty: of none.")
+      .def_readonly("quantity", &C::quantity, "Description without the component, of a column of a log.");
   bind_columns(m, "state_columns", kStateLog);
   bind_columns(m, "contact_columns", kContactLog);
   m.def("result_columns", [columns = result_columns(m)] { return columns; },

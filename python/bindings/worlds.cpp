@@ -1,25 +1,32 @@
 // Worlds that Python steps, behind vsr2.Simulation; conversions only.
 
 #include <cstring>
+#include <string_view>
 
 #include "bindings.hpp"
 #include "vsr2/recorded_world.hpp"
+#include "vsr2/trial.hpp"
 
 namespace vsr2::binding {
 namespace {
 
-py::dict contact_dict(const ContactPoint& c) {
+// The contact log's quantities, vectors as arrays, and the pair's values.
+py::dict contact_dict(const ContactPoint& contact) {
+  const auto row = contact_row(0.0, contact);
   py::dict out;
-  out["p_W_rock"] = c.p_W_rock;
-  out["p_W_pedestal"] = c.p_W_pedestal;
-  out["normal_W"] = c.normal_W;
-  out["distance"] = c.distance;
-  out["normal_impulse"] = c.normal_impulse;
-  out["lateral_impulse"] = Eigen::Vector2d(c.lateral_impulse_1, c.lateral_impulse_2);
-  out["lateral_direction_1"] = c.direction_1;
-  out["lateral_direction_2"] = c.direction_2;
+  for (std::size_t i = kTime + 1; i < row.size();) {
+    const std::string_view vector = kContactLog[i].vector;
+    if (vector.empty()) {
+      out[kContactLog[i].name] = row[i];
+      ++i;
+      continue;
+    }
+    const std::size_t first = i;
+    while (i < row.size() && kContactLog[i].vector == vector) ++i;
+    out[kContactLog[first].vector] = py::array_t<double>(static_cast<py::ssize_t>(i - first), &row[first]);
+  }
   for (std::size_t i = 0; i < kContactParameters.size(); ++i)
-    out[kContactParameters[i].name] = c.pair.all[i];
+    out[kContactParameters[i].name] = contact.pair.all[i];
   return out;
 }
 
@@ -76,7 +83,7 @@ void bind_readings(py::class_<RecordedWorld>& bound) {
 }  // namespace
 
 void bind_worlds(py::module_& m) {
-  bind_enum<Drive>(m, "Drive",
+  bind_enum<Drive>(m,
                    {{"prescribed", Drive::prescribed},
                     {"prescribed_spatial", Drive::prescribed_spatial},
                     {"motor_position", Drive::motor_position},

@@ -6,18 +6,9 @@ import enum
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InputFault', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'result_columns', 'state_columns']
-class InputFault(enum.Enum):
-    bad_value: typing.ClassVar[InputFault]
-    drive: typing.ClassVar[InputFault]
-    engine_domain: typing.ClassVar[InputFault]
-    no_rock: typing.ClassVar[InputFault]
-    rock_present: typing.ClassVar[InputFault]
-    @classmethod
-    def __new__(cls, value):
-        ...
+__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactParameter', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'contact_parameters', 'result_columns', 'state_columns']
 class InvalidInput(ValueError):
-    pass
+    faults: typing.ClassVar[tuple] = ('bad_value', 'drive', 'engine_domain', 'no_rock', 'rock_present')
 class ContactValues:
     def __init__(self, *, restitution: float, lateral_friction: float, spinning_friction: float, rolling_friction: float, stiffness: float, damping: float) -> None:
         ...
@@ -47,32 +38,56 @@ class ContactValues:
         """
         N/m
         """
-class EngineKind(enum.Enum):
+class ContactParameter:
+    """
+    What a contact parameter may be, and is where nothing is given.
+    """
+    @property
+    def above(self) -> bool:
+        """
+        Whether the least is left out.
+        """
+    @property
+    def greatest(self) -> float:
+        ...
+    @property
+    def least(self) -> float:
+        ...
+    @property
+    def name(self) -> str:
+        ...
+    @property
+    def original(self) -> float:
+        """
+        Value of the original system.
+        """
+    @property
+    def unit(self) -> str:
+        """
+        Empty: none.
+        """
+    @property
+    def usual(self) -> float:
+        """
+        Value of a study that gives none.
+        """
+class EngineKind(enum.StrEnum):
     auto: typing.ClassVar[EngineKind]
     exact: typing.ClassVar[EngineKind]
     fast: typing.ClassVar[EngineKind]
     parity: typing.ClassVar[EngineKind]
-    @classmethod
-    def __new__(cls, value):
-        ...
-class HandOver(enum.Enum):
+class HandOver(enum.StrEnum):
     motor_on_a_slope: typing.ClassVar[HandOver]
     none: typing.ClassVar[HandOver]
     off_the_top: typing.ClassVar[HandOver]
     too_deep: typing.ClassVar[HandOver]
-    @classmethod
-    def __new__(cls, value):
-        ...
-class FastRefusal(enum.Enum):
+class FastRefusal(enum.StrEnum):
     no_friction_cone: typing.ClassVar[FastRefusal]
     no_margin: typing.ClassVar[FastRefusal]
     none: typing.ClassVar[FastRefusal]
     pedestal_not_a_box: typing.ClassVar[FastRefusal]
     rolling_friction: typing.ClassVar[FastRefusal]
     several_parts: typing.ClassVar[FastRefusal]
-    @classmethod
-    def __new__(cls, value):
-        ...
 class EngineSettings:
     def __init__(self, *, kind: EngineKind, gravity: float, time_step: float, substeps: int, solver_iterations: int, residual_threshold: float, converged_contacts: bool, skip_quiet: bool, restitution_velocity_threshold: float, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: float, contact_breaking_threshold: float, linear_damping: float, angular_damping: float) -> None:
         ...
@@ -116,14 +131,11 @@ class Scene:
     @property
     def rock_inertia(self) -> typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]:
         ...
-class Drive(enum.Enum):
+class Drive(enum.StrEnum):
     motor_position: typing.ClassVar[Drive]
     motor_position_velocity: typing.ClassVar[Drive]
     prescribed: typing.ClassVar[Drive]
     prescribed_spatial: typing.ClassVar[Drive]
-    @classmethod
-    def __new__(cls, value):
-        ...
 class WorldState:
     """
     State of a world, opaque; pickles and copies.
@@ -177,7 +189,7 @@ class World:
     @property
     def rock(self) -> tuple[typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"], typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3, 1]"]]:
         ...
-class Status(enum.Enum):
+class Status(enum.StrEnum):
     cancelled: typing.ClassVar[Status]
     diverged: typing.ClassVar[Status]
     error: typing.ClassVar[Status]
@@ -185,19 +197,13 @@ class Status(enum.Enum):
     ok: typing.ClassVar[Status]
     settling_timeout: typing.ClassVar[Status]
     tail_timeout: typing.ClassVar[Status]
-    @classmethod
-    def __new__(cls, value):
-        ...
-class Outcome(enum.Enum):
+class Outcome(enum.StrEnum):
     failed: typing.ClassVar[Outcome]
     overturned: typing.ClassVar[Outcome]
     rocked: typing.ClassVar[Outcome]
     rotated: typing.ClassVar[Outcome]
     slid: typing.ClassVar[Outcome]
     stable: typing.ClassVar[Outcome]
-    @classmethod
-    def __new__(cls, value):
-        ...
 class Samples:
     """
     Set-points in the memory of a read-only array, which it keeps.
@@ -336,15 +342,27 @@ class Column:
     def name(self) -> str:
         ...
     @property
+    def quantity(self) -> str:
+        """
+        Description without the component, of a column of a log.
+        """
+    @property
     def unit(self) -> str:
         """
         1: a number without one; empty: no number.
+        """
+    @property
+    def vector(self) -> str:
+        """
+        Of which it is a component; empty: of none.
         """
 def build_facts() -> dict[str, str]:
     ...
 def combine(a: ContactValues, b: ContactValues) -> ContactValues:
     ...
 def contact_columns() -> list[Column]:
+    ...
+def contact_parameters() -> list[ContactParameter]:
     ...
 def result_columns() -> list[Column]:
     """

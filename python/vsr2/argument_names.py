@@ -13,7 +13,7 @@ from vsr2.errors import Renamed, Vsr2Error
 C = TypeVar("C", bound=Callable[..., Any])
 
 
-def checked_names(error: type[Vsr2Error], passed_on: type | None = None) -> Callable[[C], C]:
+def checked_names(error: type[Vsr2Error]) -> Callable[[C], C]:
     """Decorator of a class or function, whose error names the argument that is most likely meant.
 
     Python's own error for an unknown keyword names none, and that for a missing argument is none of
@@ -22,15 +22,13 @@ def checked_names(error: type[Vsr2Error], passed_on: type | None = None) -> Call
 
     Args:
         error: raised where a keyword is no argument.
-        passed_on: typed dictionary of the further keywords that it takes.
     """
 
     def decorated(of: C) -> C:
         taken = of.__init__ if isinstance(of, type) else of  # type: ignore[misc]
         signature = inspect.signature(taken)
         parameters = signature.parameters.values()
-        own = [p.name for p in parameters if p.kind is not p.VAR_KEYWORD][isinstance(of, type) :]
-        own += [] if passed_on is None else [*passed_on.__annotations__]
+        own = [parameter.name for parameter in parameters][isinstance(of, type) :]
         known = frozenset(own)
 
         @functools.wraps(taken)
@@ -63,7 +61,7 @@ def _missing(
     except TypeError:  # More by position than there are.
         return None
     for name, one in signature.parameters.items():
-        if one.default is one.empty and one.kind is not one.VAR_KEYWORD and name not in given:
+        if one.default is one.empty and name not in given:
             return name
     return None
 

@@ -1,8 +1,9 @@
-"""Arrays in values whose hash is kept: of real numbers, and read-only."""
+"""Arrays in values whose hash is kept, of real numbers and read-only; read-only mappings."""
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Mapping
+from typing import Any, NoReturn
 
 import numpy as np
 
@@ -31,14 +32,15 @@ def real_array(given: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
 
 
 def read_only(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:
-    """The array where nobody can write to its memory, else a read-only copy.
+    """A view of the array where nobody can write to its memory, else of a read-only copy.
 
-    The core borrows the first kind alone.
+    The core borrows the first kind alone. An array that owns its memory can be set writable again,
+    a view of it cannot.
     """
     if not _is_read_only(array):
         array = array.copy(order="K")
         array.setflags(write=False)
-    return array
+    return array.view() if array.flags.owndata else array
 
 
 def _is_read_only(array: np.ndarray[Any, Any]) -> bool:
@@ -75,3 +77,22 @@ class ReadOnlyArrays:
             if isinstance(value, np.ndarray):
                 value.setflags(write=False)
                 self.__dict__[name] = read_only(value)
+
+
+class ReadOnlyDict(dict[str, Any]):
+    """A mapping that cannot be changed, nor those in it; `dict(it)` is a copy that can."""
+
+    def __init__(self, given: Mapping[str, Any]) -> None:
+        super().__init__(
+            (key, ReadOnlyDict(value) if isinstance(value, dict) else value)
+            for key, value in given.items()
+        )
+
+    def _refuse(self, *_: object, **__: object) -> NoReturn:
+        raise TypeError("this mapping is read-only; change a copy of it, `dict(...)`")
+
+    __setitem__ = __delitem__ = __ior__ = _refuse  # type: ignore[assignment]
+    clear = pop = popitem = setdefault = update = _refuse  # type: ignore[assignment]
+
+    def __reduce__(self) -> tuple[type[ReadOnlyDict], tuple[dict[str, Any]]]:
+        return ReadOnlyDict, (dict(self),)

@@ -29,7 +29,7 @@ TEST(Engines, FastRefusesWhatItCannotDo) {
     choose_engine(*scene_with(engine));
     FAIL();
   } catch (const InvalidInput& error) {
-    EXPECT_EQ(error.fault(), InputFault::engine_domain);
+    EXPECT_EQ(error.fault(), Fault::engine_domain);
   }
 }
 

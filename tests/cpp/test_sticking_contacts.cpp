@@ -15,7 +15,7 @@ namespace {
 
 using Eigen::Vector3d;
 
-constexpr double kFriction = 5.0;
+constexpr FrictionBounds kBounds{.coefficient = 5.0};
 constexpr double kSoftness = 1e-9;
 constexpr double kMass = 446.6;
 
@@ -29,7 +29,7 @@ StickingProblem problem_of(const std::vector<Vector3d>& points, const Vector3d& 
   problem.angular = w;
   problem.linear = v;
   for (std::size_t i = 0; i < points.size(); ++i)
-    problem.contacts[i] = {points[i].x(), points[i].y(), points[i].z(), 0.0, kFriction, 1.0};
+    problem.contacts[i] = {points[i].x(), points[i].y(), points[i].z(), 0.0, kBounds, 1.0};
   return problem;
 }
 
@@ -42,7 +42,7 @@ double swept_spin(const StickingProblem& at, int sweeps) {
     const Vector3d r(at.contacts[i].x, at.contacts[i].y, at.contacts[i].z);
     const Vector3d slip = at.linear + at.angular.cross(r);
     ContactRows& rows = problem.rows[i];
-    rows.friction = kFriction;
+    rows.bounds = kBounds;
     rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {}, -slip.z(), kSoftness);
     rows.spin.fill(rock, {0, 0, 1}, 0.0, {}, -at.angular.z());
     rows.lateral_1.fill(rock, {r.z(), 0, -r.x()}, -1.0, {}, slip.y());
@@ -90,7 +90,7 @@ TEST(StickingContacts, MeetTheDemandsOfTheirRows) {
     const Vector3d v = Vector3d(0, 0, -0.02) - w.cross(Vector3d(0, 0, -0.5));
     StickingProblem problem = problem_of(points, w, v);
     for (StickingContact& contact : problem.contacts) contact.target = 0.01 * within(generator);
-    for (StickingContact& contact : problem.contacts) contact.friction = 1e12;
+    for (StickingContact& contact : problem.contacts) contact.bounds.coefficient = 1e12;
     if (!solve_sticking(problem)) {
       ++swept;
       continue;

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.calibration import Evaluation, Parameter
-from vsr2.campaign import save_campaign, simulate_campaign
+from vsr2.campaign import RunOptions, save_campaign, simulate_campaign
 from vsr2.config import Study, study_from_mapping
 from vsr2.config.extended import Plain
 
@@ -80,7 +80,9 @@ def planted_study(folder: Path) -> Study:
 
 def write_planted(folder: Path, text: str = STUDY) -> Path:
     """The campaign of :func:`planted_study`, and a study to calibrate on it."""
-    save_campaign(simulate_campaign(planted_study(folder), threads=1), folder / "truth")
+    save_campaign(
+        simulate_campaign(planted_study(folder), run=RunOptions(threads=1)), folder / "truth"
+    )
     path = folder / "study.yaml"
     path.write_text(text)
     return path

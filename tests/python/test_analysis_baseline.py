@@ -99,7 +99,7 @@ def test_memorable_motions_look_better_in_sample_than_out_of_fold():
     fate = np.random.default_rng(1).random(14) < 0.5
     campaign = changed(campaign, lambda t: replace(t, overturned=bool(fate[int(t.motion[1:])])))
     scores = {s.fitted: s.metrics for s in baseline_scores(campaign, folds=7, replicates=50)}
-    assert scores["in sample"].accuracy > scores["out of fold"].accuracy + 0.1
+    assert scores["in_sample"].accuracy > scores["out_of_fold"].accuracy + 0.1
 
 
 def test_trials_without_outcome_or_intensity_are_left_out():

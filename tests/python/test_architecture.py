@@ -8,6 +8,7 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
+from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -167,11 +168,13 @@ def test_modules_and_functions_stay_short(folder: str) -> None:
     ]
     for path, node in functions:
         assert (node.end_lineno or 0) - node.lineno < 80, f"{path}: {node.name}"
-        # Of all functions alike: self and cls are not given by who calls, and `**options` are those
-        # of another function.
+        # Of all functions alike: self and cls are not given by who calls.
         named = [*node.args.posonlyargs, *node.args.args, *node.args.kwonlyargs]
         given = named[1:] if named and named[0].arg in ("self", "cls") else named
         assert len(given) <= 8, f"{path}: {node.name}"
+        # A typed dictionary of further keywords hides parameters; a dataclass holds them.
+        hidden = node.args.kwarg and node.args.kwarg.annotation
+        assert "Unpack" not in ast.unparse(hidden or ast.Constant("")), f"{path}: {node.name}"
 
 
 def test_the_core_knows_no_python() -> None:
@@ -191,14 +194,22 @@ def test_stubs_are_up_to_date() -> None:
     assert check.returncode == 0, f"run ./scripts/stubs.sh\n{check.stdout}{check.stderr}"
 
 
-def test_a_diagnosis_states_every_constant_that_it_rests_on() -> None:
-    from vsr2.diagnosis.constants import diagnosis_constants
+RESTED_ON = {
+    "simulation.run_constants.run_constants": ("scene", "motion", "effects"),
+    "diagnosis.constants.diagnosis_constants": ("diagnosis", "scene", "motion", "effects"),
+}
+"""Rooms on whose tuned numbers a run and a diagnosis rest, by the function that gathers them."""
 
-    stated = {frozenset(one) for one in diagnosis_constants().values()}
-    # Of other products than a diagnosis, which state them themselves.
-    elsewhere = {"PredictionConstants", "ReferenceConstants"}
+
+@pytest.mark.parametrize("gatherer", RESTED_ON)
+def test_a_result_states_every_constant_that_it_rests_on(gatherer: str) -> None:
+    module, _, name = gatherer.rpartition(".")
+    gathered = getattr(import_module(f"vsr2.{module}"), name)
+    stated = {frozenset(one) for one in gathered().values()}
+    # Of other products, which state them themselves.
+    elsewhere = {"PredictionConstants", "ReferenceConstants", "StabilityConstants"}
     for path in MODULES:
-        if path.relative_to(PACKAGE).parts[0] not in ("diagnosis", "effects"):
+        if path.relative_to(PACKAGE).parts[0] not in RESTED_ON[gatherer]:
             continue
         for node in ast.parse(path.read_text()).body:
             if isinstance(node, ast.ClassDef) and node.name.endswith("Constants"):

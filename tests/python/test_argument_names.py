@@ -5,13 +5,13 @@ from __future__ import annotations
 import inspect
 import pickle
 from collections.abc import Callable
-from typing import Any, TypedDict
+from typing import Any
 
 import pytest
 
 import vsr2
 from vsr2.argument_names import checked_names
-from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, simulate_campaign
+from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, RunOptions, simulate_campaign
 from vsr2.diagnosis import Budget, Execution, Hypotheses, iterate
 from vsr2.errors import CampaignError, DiagnosisError, MotionError, Renamed, Vsr2Error
 from vsr2.motion import Motion, Record
@@ -38,7 +38,7 @@ def test_every_public_callable_names_the_argument_that_is_meant(of: Callable[...
     ("call", "error", "said"),
     [
         (lambda: CampaignTrial(pga=0.3), CampaignError, "(pga=...): is gone; use pga_g [g]"),
-        (lambda: simulate_campaign([], thread=1), CampaignError, "did you mean `threads`?"),
+        (lambda: RunOptions(thread=1), CampaignError, "did you mean `threads`?"),
         (lambda: Motion(tiem_step=1), MotionError, "did you mean `time_step`?"),
         (lambda: Budget(minute=1), DiagnosisError, "did you mean `minutes`?"),
         (lambda: Budget(zzz=1), DiagnosisError, "known are minutes, simulations, campaigns"),
@@ -81,21 +81,7 @@ def test_a_missing_argument_is_named_and_other_errors_of_type_stay() -> None:
         broken(1.0)
 
 
-class _More(TypedDict, total=False):
-    threads: int
-
-
-def test_options_of_a_dictionary_are_arguments_too() -> None:
-    @checked_names(CampaignError, _More)
-    def run(first: int, **more: int) -> int:
-        return first + more.get("threads", 0)
-
-    assert run(1, threads=2) == 3
-    with pytest.raises(CampaignError, match="did you mean `threads`"):
-        run(1, thread=2)
-
-
-def test_an_old_name_is_told_only_where_the_new_one_is_an_argument() -> None:
+def test_an_old_name_is_named_only_where_the_new_one_is_an_argument() -> None:
     with pytest.raises(CampaignError, match=r"_Own\(old=\.\.\.\): is gone; use new \[m\]"):
         Own(old=1.0)
     with pytest.raises(CampaignError, match=r"is no argument; known are new, other"):

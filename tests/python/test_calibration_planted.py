@@ -33,7 +33,7 @@ from vsr2.calibration import (
 from vsr2.calibration.calibration_study import CALIBRATION
 from vsr2.calibration.evaluation import campaign_sha256
 from vsr2.calibration.objective import metrics_of
-from vsr2.campaign import Campaign, load_campaign, simulate_campaign
+from vsr2.campaign import Campaign, RunOptions, load_campaign, simulate_campaign
 from vsr2.config import load_study
 from vsr2.errors import CampaignError, ConfigError, ResultError
 
@@ -62,11 +62,11 @@ def test_the_planted_azimuth_is_found_and_the_dead_knob_is_reported(planted):
     # Impacts of this block are too slow for restitution to bounce.
     assert verdicts == {"yaw": "identified", "restitution": "not identified"}
     scores = {(r["prediction"], r["fitted"]): r for r in rows(complete / "scores.csv")}
-    inside = float(scores["simulator", "in sample"]["objective"])
-    outside = float(scores["simulator", "out of fold"]["objective"])
+    inside = float(scores["simulator", "in_sample"]["objective"])
+    outside = float(scores["simulator", "out_of_fold"]["objective"])
     assert inside > 0.95
     assert 0.8 < outside <= inside
-    assert ("logistic", "out of fold") in scores
+    assert ("logistic", "out_of_fold") in scores
 
 
 def test_the_files_hold_together(planted):
@@ -79,7 +79,7 @@ def test_the_files_hold_together(planted):
     observed = np.array([int(row["observed"]) for row in predictions])
     outside = np.array([int(row["out_of_fold"]) for row in predictions])
     scores = {(r["prediction"], r["fitted"]): r for r in rows(complete / "scores.csv")}
-    accuracy = float(scores["simulator", "out of fold"]["accuracy"])
+    accuracy = float(scores["simulator", "out_of_fold"]["accuracy"])
     assert accuracy == pytest.approx((observed == outside).mean())
     folds = rows(complete / "folds.csv")
     assert sum(int(row["trials"]) for row in folds) == 24
@@ -267,7 +267,7 @@ def test_a_screened_search_is_judged_on_all_trials_by_the_engine_asked_for(plant
         exact = evaluate(fresh.searched.evaluation.values, keys={"engine.mode": "exact"})
         assert evaluate.simulated == 0
     best = {score.fitted: score for score in fresh.scores if score.name == "simulator"}
-    assert best["in sample"].metrics == metrics_of(fresh.observed, exact.predicted)
+    assert best["in_sample"].metrics == metrics_of(fresh.observed, exact.predicted)
 
 
 @pytest.mark.parametrize(
@@ -295,7 +295,7 @@ def test_effects_act_as_in_the_campaign_they_were_simulated_with(tmp_path):
     plain = load_campaign(tmp_path / "truth")
     seed = study.study.seed
     worn = simulate_campaign(
-        planted_study(tmp_path), effects=study.study.effects, threads=1, seed=seed
+        planted_study(tmp_path), effects=study.study.effects, seed=seed, run=RunOptions(threads=1)
     )
     assert (worn.overturned != plain.overturned).any()
     values = {"yaw": KNOWN_YAW, "restitution": 0.35}

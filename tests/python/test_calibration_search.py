@@ -228,7 +228,7 @@ def test_profiles_tell_what_is_identified_and_what_is_not():
     kept = [cell for cell in found["p"].cells if cell.compatible]
     assert kept[0].low <= 0.5 <= kept[-1].high
     assert len(kept) <= 3
-    assert found["q"].verdict == "not identified"
+    assert found["q"].verdict == "not_identified"
     assert compatible_values(found["q"]) == "0.001 to 1000"
     assert all(cell.compatible for cell in found["q"].cells)
 
@@ -243,10 +243,10 @@ def test_profiles_tell_a_bound_on_one_side():
     every = [evaluate(at_share(RANGES["p"], (i + 0.5) / 20)) for i in range(20)]
     resamples = motion_resamples(world.motions, 500, 0)
     (found,) = profiles({"p": RANGES["p"]}, every, world.observed, resamples, {"p": 0.9})
-    assert found.verdict == "bounded below"
+    assert found.verdict == "bounded_below"
     flipped = [Evaluation({"p": 1 - one.values["p"]}, one.predicted) for one in every]
     (found,) = profiles({"p": RANGES["p"]}, flipped, world.observed, resamples, {"p": 0.1})
-    assert found.verdict == "bounded above"
+    assert found.verdict == "bounded_above"
 
 
 def test_parts_of_a_range_that_no_set_tried_are_counted():

@@ -168,7 +168,7 @@ def test_the_published_campaign_packed_and_raw(tmp_path):
 def test_the_baselines_to_beat(tmp_path):
     campaign = import_lab(FOLDER, tmp_path / "c")
     scores = {(s.name, s.fitted): s.metrics for s in baseline_scores(campaign, replicates=200)}
-    logistic = scores["logistic", "out of fold"]
+    logistic = scores["logistic", "out_of_fold"]
     # On all 582 trials 0.900, 0.887, 0.872 and their mean 0.887 are published; this is a part of
     # them, on which five trials more or less make 0.014 of accuracy.
     assert logistic.trials == len(campaign)

@@ -9,6 +9,7 @@ import pytest
 from campaign_samples import assert_equal
 from vsr2.campaign import (
     MeasurementNoise,
+    RunOptions,
     check_campaign,
     load_campaign,
     save_campaign,
@@ -41,7 +42,7 @@ def study():
 
 @pytest.fixture(scope="module")
 def plain(study):
-    return simulate_campaign(study, series_every=10, threads=1, sessions=4)
+    return simulate_campaign(study, series_every=10, sessions=4, run=RunOptions(threads=1))
 
 
 def test_outcomes_are_those_of_the_batch(study, plain):
@@ -95,7 +96,9 @@ def test_noise_has_its_standard_error_and_leaves_the_outcome_alone(study, plain)
         position=3e-4,
         orientation=0.004,
     )
-    noisy = simulate_campaign(study, series_every=10, threads=1, noise=noise, seed=5)
+    noisy = simulate_campaign(
+        study, series_every=10, noise=noise, seed=5, run=RunOptions(threads=1)
+    )
     np.testing.assert_array_equal(noisy.overturned, plain.overturned)
     assert noisy.noise == noise
 
@@ -140,9 +143,9 @@ def product(p, q):
 
 def test_seeds_decide_the_noise_and_trials_do_not_share_it(study):
     noise = MeasurementNoise(displacement=1e-4)
-    one = simulate_campaign(study, threads=1, noise=noise, seed=5)
-    again = simulate_campaign(study, threads=1, noise=noise, seed=5)
-    other = simulate_campaign(study, threads=1, noise=noise, seed=6)
+    one = simulate_campaign(study, noise=noise, seed=5, run=RunOptions(threads=1))
+    again = simulate_campaign(study, noise=noise, seed=5, run=RunOptions(threads=1))
+    other = simulate_campaign(study, noise=noise, seed=6, run=RunOptions(threads=1))
     assert_equal(replace(one, provenance={}), replace(again, provenance={}))
     errors = {}
     for label, campaign in (("one", one), ("other", other)):
@@ -156,16 +159,15 @@ def test_a_campaign_that_is_made_is_given_back(study, tmp_path):
     arguments = {
         "study": study,
         "series_every": 20,
-        "threads": 1,
         "noise": MeasurementNoise(tilt=0.001, peak_tilt=0.001, displacement=1e-5),
     }
-    complete = simulate_campaign(**arguments)
+    complete = simulate_campaign(**arguments, run=RunOptions(threads=1))
     assert set(trial_statuses(complete).values()) == {Status.ok}
     save_campaign(complete, tmp_path / "c")
     made = load_campaign(tmp_path / "c")
-    assert simulate_campaign(**arguments, made=made) is made
+    assert simulate_campaign(**arguments, run=RunOptions(threads=1, made=made)) is made
     with pytest.raises(CampaignError, match="from another study, seed or noise"):
-        simulate_campaign(**arguments, seed=1, made=made)
+        simulate_campaign(**arguments, seed=1, run=RunOptions(made=made))
 
 
 def test_a_campaign_of_an_older_form_does_not_say_how_its_trials_ended(plain):
@@ -178,17 +180,16 @@ def test_a_checkpoint_gives_the_same_campaign_wherever_it_was_cut(study, tmp_pat
     arguments = {
         "study": study,
         "series_every": 20,
-        "threads": 1,
         "noise": MeasurementNoise(tilt=0.001, peak_tilt=0.001),
     }
-    complete = simulate_campaign(**arguments)
+    complete = simulate_campaign(**arguments, run=RunOptions(threads=1))
     folder = prepare_folder(tmp_path / "complete")
-    kept = simulate_campaign(**arguments, checkpoint=folder)
+    kept = simulate_campaign(**arguments, run=RunOptions(threads=1, checkpoint=folder))
     assert_equal(replace(complete, provenance={}), replace(kept, provenance={}))
     lines = (folder / JOURNAL_FILE).read_bytes().splitlines(keepends=True)
     for finished in (0, 3, 6):
         (folder / JOURNAL_FILE).write_bytes(b"".join(lines[: finished + 1]))
-        again = simulate_campaign(**arguments, checkpoint=folder)
+        again = simulate_campaign(**arguments, run=RunOptions(threads=1, checkpoint=folder))
         assert_equal(replace(complete, provenance={}), replace(again, provenance={}))
 
 
@@ -197,13 +198,15 @@ def test_trials_of_ones_own_with_ids(study):
     made = simulate_campaign(
         [trials[0], replace(trials[1], motion=trials[0].motion.scaled(2.0))],
         motion_ids=["pulse", "pulse"],
-        threads=1,
+        run=RunOptions(threads=1),
     )
     assert made.name == "simulated"
     assert made.motion_ids.tolist() == ["pulse", "pulse"]
     assert len(made.motions) == 2
     assert made.trials[1].pga_g == pytest.approx(2 * made.trials[0].pga_g)
-    one_motion = simulate_campaign([trials[0]] * 2, motion_ids=["a", "b"], threads=1)
+    one_motion = simulate_campaign(
+        [trials[0]] * 2, motion_ids=["a", "b"], run=RunOptions(threads=1)
+    )
     assert len(one_motion.motions) == 1
     assert one_motion.motion_ids.tolist() == ["a", "b"]
     with pytest.raises(CampaignError, match="motion_ids has 1 entries for 2 trials"):
@@ -218,7 +221,7 @@ def test_a_failed_trial_has_no_outcome_and_says_why(study):
     # At rest only when slower than any rounding lets it be, which it cannot become in time.
     settling = {"linear_speed": 1e-300, "angular_speed": 1e-300, "window": 0.01, "timeout": 0.02}
     broken = study.model_copy(update={"settling": study.settling.model_copy(update=settling)})
-    made = simulate_campaign(broken, threads=1, series_every=10)
+    made = simulate_campaign(broken, series_every=10, run=RunOptions(threads=1))
     assert {t.note for t in made.trials} == {"settling_timeout"}
     assert set(trial_statuses(made).values()) == {Status.settling_timeout}
     assert np.isnan(made.overturned).all()

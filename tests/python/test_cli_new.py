@@ -45,7 +45,7 @@ def test_a_template_is_a_file_that_checks(
     jsonschema.Draft202012Validator(schema).validate(read_yaml(path).data)
 
 
-def test_what_is_to_be_filled_in_is_told(
+def test_what_is_to_be_filled_in_is_said(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     path = tmp_path / "deep" / "mine.yaml"

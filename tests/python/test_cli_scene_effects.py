@@ -13,7 +13,7 @@ from cyclopts import App
 
 from command_line import run
 from diagnosis_samples import few_effects, few_simulations
-from vsr2.campaign import load_campaign, save_campaign, simulate_campaign
+from vsr2.campaign import RunOptions, load_campaign, save_campaign, simulate_campaign
 from vsr2.cli.main import app
 from vsr2.config import load_study
 from vsr2.errors import BlindError, ConfigError, SimulationError
@@ -68,7 +68,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """A campaign of the scene without effects, and packs of the scene without and with them."""
     out = tmp_path_factory.mktemp("own")
     study = load_study(scene(out, effects=False))
-    save_campaign(simulate_campaign(study, threads=1), out / "campaign")
+    save_campaign(simulate_campaign(study, run=RunOptions(threads=1)), out / "campaign")
     with quick():
         for effects in (False, True):
             run(

@@ -7,6 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from vsr2 import _native
 from vsr2.codes import NUMBERS, Statement
 from vsr2.config import dump_study, import_ros2, load_study
 from vsr2.config.ros2_notes import KINDS, Assumed, Ignored, Kept, NotKept
@@ -113,14 +114,15 @@ def test_the_original_physics_is_kept(package):
     assert study.rock.file == package / "models" / "boulder.urdf"
     assert study.rock.start.position == (0.01, -0.02, 2.9)
     assert study.rock.start.orientation == (0.0, 0.0, 0.70711, 0.70711)
-    assert study.contact.rock.model_dump() == {
+    given = {
         "restitution": 0.25,
         "lateral_friction": 0.65,
         "spinning_friction": 0.35,
-        "rolling_friction": 0.0,
         "damping": 2.0e4,
         "stiffness": 3.0e6,
     }
+    original = {one.name: one.original for one in _native.contact_parameters()}
+    assert study.contact.rock.model_dump() == original | given
     assert study.contact.pedestal == study.contact.rock
     assert study.motion.drive == "motor"
     # Never in the files: PyBullet's own.

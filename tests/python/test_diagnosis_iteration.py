@@ -16,7 +16,7 @@ from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import Study, load_study, study_from_mapping
 from vsr2.diagnosis import Budget, Diagnosis, Execution, Hypotheses, iterate, with_deviations
 from vsr2.diagnosis.corrected import with_correction, write_corrected
-from vsr2.diagnosis.iteration import Ended
+from vsr2.diagnosis.iteration import Asked, Ended
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import effect, library
@@ -94,7 +94,9 @@ def stub(monkeypatch) -> StubDiagnose:
 
 
 def test_each_round_diagnoses_the_scene_that_the_last_one_corrected(shaken, stub, tmp_path) -> None:
-    found = iterate(shaken, scene(), tmp_path, hypotheses=Hypotheses(references=[shaken]))
+    found = iterate(
+        shaken, scene(), tmp_path, asked=Asked(hypotheses=Hypotheses(references=[shaken]))
+    )
     assert [one.effects for one in stub.calls] == [
         {}, {"table_gain": {"change": 0.05}},
         {"table_gain": {"change": 0.05}, "friction": {"factor": 0.7}},
@@ -121,7 +123,7 @@ def test_finished_rounds_are_not_run_again(shaken, stub, tmp_path) -> None:
     with pytest.raises(KeyboardInterrupt):
         iterate(shaken, scene(), tmp_path, finished=fail)
     assert len(stub.calls) == 2
-    again = iterate(shaken, scene(), tmp_path, execution=Execution(threads=1))
+    again = iterate(shaken, scene(), tmp_path, asked=Asked(execution=Execution(threads=1)))
     # The second round's page was not written: it counts as under way.
     assert [len(one.effects) for one in stub.calls[2:]] == [1, 2]
     stub.calls.clear()
@@ -129,15 +131,16 @@ def test_finished_rounds_are_not_run_again(shaken, stub, tmp_path) -> None:
     assert stub.calls == []
     assert same.to_json() == again.to_json()
     # What is asked otherwise is asked again.
-    for other in (
-        lambda: iterate(shaken, scene(), tmp_path, seed=1),
-        lambda: iterate(shaken, scene(), tmp_path, seed=1, tier="B"),
-        lambda: iterate(shaken, scene({"wear": {"loss": 0.01}}), tmp_path, seed=1, tier="B"),
+    other = Asked(seed=1, tier="B")
+    for another in (
+        lambda: iterate(shaken, scene(), tmp_path, asked=Asked(seed=1)),
+        lambda: iterate(shaken, scene(), tmp_path, asked=other),
+        lambda: iterate(shaken, scene({"wear": {"loss": 0.01}}), tmp_path, asked=other),
         lambda: iterate(replace(shaken, name="other"), scene(), tmp_path),
-        lambda: iterate(shaken, scene(), tmp_path, budget=Budget(campaigns=200)),
+        lambda: iterate(shaken, scene(), tmp_path, asked=Asked(budget=Budget(campaigns=200))),
     ):
         stub.calls.clear()
-        other()
+        another()
         assert len(stub.calls) == 3
 
 
@@ -206,8 +209,10 @@ def test_a_planted_cause_is_corrected_and_not_named_again(gained, tmp_path) -> N
     )  # fmt: skip
     with few_simulations():
         found = iterate(
-            gained, scene(), tmp_path, tier="M", hypotheses=hypotheses,
-            budget=Budget(campaigns=100, held_out=False), execution=Execution(threads=1),
+            gained, scene(), tmp_path,
+            asked=Asked(
+                "M", Budget(campaigns=100, held_out=False), hypotheses, Execution(threads=1),
+            ),
         )  # fmt: skip
     first, *others = found.to_json()["rounds"]
     assert list(first["corrected"]) == ["table_gain"]

@@ -11,7 +11,7 @@ import pytest
 from command_line import run
 from planar.simulator import PlanarSimulator
 from planted import observe, shaken_campaign
-from vsr2.campaign import Campaign, load_campaign, save_campaign, simulate_campaign
+from vsr2.campaign import Campaign, RunOptions, load_campaign, save_campaign, simulate_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.reference_campaign import (
@@ -104,7 +104,9 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
     (out / "plain.yaml").write_text(SCENE)
     (out / "known.yaml").write_text(f"{SCENE}effects: {json.dumps(EFFECTS)}\n")
     study = load_study(out / "known.yaml")
-    save_campaign(simulate_campaign(study, series_every=10, threads=1), out / "campaign")
+    save_campaign(
+        simulate_campaign(study, series_every=10, run=RunOptions(threads=1)), out / "campaign"
+    )
     return out
 
 

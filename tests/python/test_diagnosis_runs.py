@@ -231,8 +231,8 @@ def test_a_finished_diagnosis_is_checked_by_the_same_command(folder, stated, cap
     out = folder / "one"
     diagnosis = (out / "diagnosis.json").read_bytes()
     assert main([*command(folder, out), "--check", "6"]) == 0
-    told = capsys.readouterr().out
-    assert "6 campaigns planted, which training did not see" in told
+    printed = capsys.readouterr().out
+    assert "6 campaigns planted, which training did not see" in printed
     assert (out / "posterior_check.png").is_file()
     checked = json.loads((out / "posterior_check.json").read_text())
     assert checked["provenance"]["excluded"] == stated["provenance"]["excluded"]

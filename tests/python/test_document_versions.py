@@ -19,8 +19,12 @@ from vsr2.blind.pack_diagnoses import SUBMISSION_SCHEMA
 from vsr2.campaign.description import SCHEMA as CAMPAIGN_SCHEMA
 from vsr2.campaign.description import campaign_schema
 from vsr2.diagnosis import schema
+from vsr2.diagnosis.coverage.coverage_scores import coverage_scores
+from vsr2.diagnosis.coverage.judged import Judged, RankOf
 from vsr2.diagnosis.iteration import ITERATION_SCHEMA, Ended
 from vsr2.diagnosis.posterior.naming import VerdictKind
+from vsr2.diagnosis.posterior_check import SCHEMA as CHECK_SCHEMA
+from vsr2.diagnosis.posterior_check import PosteriorCheck
 from vsr2.diagnosis.verdict.document import SCHEMA
 from vsr2.results.result_folder import FORMAT, FORMAT_VERSION
 
@@ -40,15 +44,29 @@ def words(form: Any) -> Iterator[str]:
         for inner in form.values():
             yield from words(inner)
     elif isinstance(form, type) and issubclass(form, Enum):
-        # Those of the core are known by name.
-        yield from (f"code {one if isinstance(one, str) else one.name}" for one in form)
+        yield from (f"code {one}" for one in form)
     elif isinstance(form, Sequence) and not isinstance(form, str):
         for inner in form:
             yield from words(inner)
 
 
+def keys_of(content: Any) -> Any:
+    """A JSON Schema of the keys that a document has, its provenance aside."""
+    if isinstance(content, dict):
+        return {"properties": {k: keys_of(v) for k, v in content.items() if k != "provenance"}}
+    return [keys_of(one) for one in content] if isinstance(content, list) else {}
+
+
+def posterior_check() -> Any:
+    """`posterior_check.json` of planted campaigns."""
+    ranks = (RankOf("wear", "loss", "1", 0.1, 0.5),)
+    judged = tuple(Judged(k, "wear", "wear", 0.9, True, True, 1, ranks) for k in range(30))
+    return json.loads(PosteriorCheck(coverage_scores(judged), judged, {}).to_json())
+
+
 DOCUMENTS: dict[str, Any] = {
     SCHEMA: schema(),
+    CHECK_SCHEMA: keys_of(posterior_check()),
     ITERATION_SCHEMA: [Ended, VerdictKind],
     # Its columns stand in the file and are compared by name.
     f"{FORMAT}/{FORMAT_VERSION}": [EngineKind, HandOver, Outcome, Status],
@@ -61,6 +79,7 @@ DOCUMENTS: dict[str, Any] = {
 RECORDED: dict[str, str] = {
     "vsr2.diagnosis/5": "35bdd52a5044b778",
     "vsr2.diagnosis/6": "ffe38a2bc1511061",
+    "vsr2.posterior_check/1": "0e7a0c51e47b3910",
     "vsr2.iteration/1": "1e98753e9abf73ba",
     "vsr2 result/3": "bef9853494f8c9dd",
     "vsr2.campaign/1": "102e8d94b13c29ca",

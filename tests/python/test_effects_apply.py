@@ -13,7 +13,7 @@ import pytest
 
 from effect_closed_forms import uplift_acceleration
 from vsr2 import Study, apply_effects, run_batch
-from vsr2.campaign import simulate_campaign
+from vsr2.campaign import RunOptions, simulate_campaign
 from vsr2.cli.main import main
 from vsr2.config import dump_study, study_from_mapping
 from vsr2.config.study import Output
@@ -128,15 +128,15 @@ def test_a_sprung_scene_is_one_under_all_motions(trials: list[Trial]) -> None:
 
 def test_a_trials_motion_goes_with_the_trial(trials: list[Trial]) -> None:
     # The first two share a motion, and what an effect makes of it.
-    shared = [trials[0], replace(trials[0], name="again"), *trials[1:]]
+    repeated = [trials[0], replace(trials[0], name="again"), *trials[1:]]
     given = [(effect("table_resonance"), effect("table_resonance").extreme())]
     alive: list[weakref.ref[Motion]] = []
-    for i, trial in each_with_effects(shared, given):
+    for i, trial in each_with_effects(repeated, given):
         assert not any(one() for one in alive if one() is not trial.motion)
         alive.append(weakref.ref(trial.motion))
-        assert trial.motion != shared[i].motion
+        assert trial.motion != repeated[i].motion
         del trial
-    assert len({id(one) for one in alive}) == len(shared) - 1
+    assert len({id(one) for one in alive}) == len(repeated) - 1
 
 
 def test_order_of_application_is_that_of_the_list() -> None:
@@ -261,10 +261,11 @@ def test_labels_are_changed_before_they_are_kept(trials: list[Trial], tmp_path: 
 
 
 def test_a_campaign_does_not_show_what_it_was_made_with() -> None:
-    plain = simulate_campaign(study(), threads=1, sessions=2)
+    plain = simulate_campaign(study(), sessions=2, run=RunOptions(threads=1))
     changed = simulate_campaign(
-        study(), threads=1, sessions=2,
+        study(), sessions=2,
         effects={"table_gain": {"change": 0.15}, "change_point": {"slenderness_change": -0.1}},
+        run=RunOptions(threads=1),
     )  # fmt: skip
     for one, other in zip(plain.trials, changed.trials, strict=True):
         assert one.pga_g == other.pga_g

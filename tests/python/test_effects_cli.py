@@ -11,7 +11,7 @@ import pytest
 import yaml
 
 from vsr2 import load_study
-from vsr2.campaign import load_campaign, save_campaign, simulate_campaign
+from vsr2.campaign import RunOptions, load_campaign, save_campaign, simulate_campaign
 from vsr2.cli.main import main
 from vsr2.effects import Parameter, in_order, library, registry
 from vsr2.errors import ConfigError
@@ -91,7 +91,7 @@ def test_every_parameter_alone_is_run_and_written_down(
 def test_a_campaign_of_a_half_given_effect_is_written_and_read(tmp_path: Path) -> None:
     study = load_study(write(tmp_path, {}))
     effects = {"table_saturation": {"velocity": 0.2, "acceleration": float("inf")}}
-    made = simulate_campaign(study, effects=effects, threads=1)
+    made = simulate_campaign(study, effects=effects, run=RunOptions(threads=1))
     save_campaign(made, tmp_path / "c")
     held = load_campaign(tmp_path / "c").provenance["effects"]
     assert held == {"table_saturation": {"velocity": 0.2, "acceleration": None}}

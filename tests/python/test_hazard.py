@@ -36,7 +36,7 @@ def test_a_power_law_has_its_closed_form(k, median, beta):
     assert rate == pytest.approx(1e-4 * median**-k * np.exp(0.5 * (k * beta) ** 2), rel=1e-9)
 
 
-def test_a_bent_curve_agrees_with_quadrature():
+def test_a_curved_hazard_agrees_with_quadrature():
     rates = 1e-3 * np.exp(-((np.log(LEVELS / 0.01)) ** 2) / 6)
     curve = HazardCurve("pga_g", LEVELS, rates)
     # |d lambda| of the polygon, so the quadrature goes from level to level; by parts it is

@@ -19,7 +19,6 @@ FAULT = re.compile(
 NO_RESULTS = ("report", "config")
 """Rooms that word results, or hold none: the keys of a study and what is wrong with them."""
 ELSEWHERE = {
-    "analysis/baseline.py:Fitted": "labels of a table's column",
     "argument_names.py:": "faults of a call",
     "blind/custodian/measurements.py:Measurements": "a name in the journal of a pack",
     "blind/custodian/steps.py:": "faults of a pack's steps",

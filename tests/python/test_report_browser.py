@@ -70,9 +70,9 @@ def test_a_phone_shows_the_verdict_first_and_nothing_is_wider_than_it(browser: A
 
 
 def test_marks_tell_their_values(browser: Any) -> None:
-    told = browser.execute_script(
+    titles = browser.execute_script(
         "return [...document.querySelectorAll('.first svg title')].map(one => one.textContent)"
     )
-    assert "before: 0.800 [0.790, 0.810] nat" in told
-    assert any(text.startswith("+ wear: 0.400 [") for text in told)
-    assert sum(text.startswith(tuple(row["trial"] for row in ROWS)) for text in told) == len(ROWS)
+    assert "before: 0.800 [0.790, 0.810] nat" in titles
+    assert any(text.startswith("+ wear: 0.400 [") for text in titles)
+    assert sum(text.startswith(tuple(row["trial"] for row in ROWS)) for text in titles) == len(ROWS)

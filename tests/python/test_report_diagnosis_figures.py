@@ -106,13 +106,13 @@ def test_the_map_fills_what_overturned_and_reddens_what_surprised() -> None:
 
 def test_the_order_shows_observed_minus_predicted_and_the_sessions_means() -> None:
     figure = order_figure(ROWS)
-    told = marks(figure)
+    marked = marks(figure)
     wanted = {"A: -0.90": (1, -0.9), "B: +0.10": (2, 0.1), "C: +0.90": (3, 0.9)}
     wanted |= {"D: +0.90": (4, 0.9)}
-    found = {text: at(told.pop(text)) for text in wanted}
+    found = {text: at(marked.pop(text)) for text in wanted}
     assert found == {name: pytest.approx(xy) for name, xy in wanted.items()}
-    assert list(told) == ["session s1: mean -0.40", "session s2: mean +0.90"]
-    means = list(told.values())
+    assert list(marked) == ["session s1: mean -0.40", "session s2: mean +0.90"]
+    means = list(marked.values())
     assert [list(line.get_xdata()) for line in means] == [[1, 2], [3, 4]]
     assert [line.get_ydata()[0] for line in means] == pytest.approx([-0.4, 0.9])
 

@@ -23,6 +23,7 @@ from vsr2.effects import STAGES
 from vsr2.errors import Fault, ResultError
 from vsr2.fragility import FitNote
 from vsr2.report.messages import (
+    agreement,
     blind_packs,
     commands,
     data,
@@ -256,6 +257,8 @@ WORDED = {
     "EventCode": blind_packs.EVENTS,
     "FailureCode": blind_packs.FAILURES,
     "Fault": verdicts._SECTIONS["faults"],
+    "Fitted": agreement.FITTED,
+    "Identifiability": agreement.IDENTIFIABILITY,
     "Ignored": ros2_import.NOTES,
     "Instrument": verdicts._SECTIONS["instruments"],
     "Kept": ros2_import.NOTES,
@@ -271,9 +274,8 @@ WORDED = {
 """Where the sentences of an enumeration stand."""
 SHOWN_BY_NAME = {
     "BudgetState", "Drive", "EffectAxis", "EngineKind", "EngineName", "FastRefusal",
-    "FeatureChannel", "Fitted", "GapState", "HandOver", "Identifiability", "InputFault", "Kind",
-    "LocationAxis", "Loss", "MeasurementKind", "Objective", "Outcome", "Phase", "PredictedBy",
-    "Scope", "Third",
+    "FeatureChannel", "GapState", "HandOver", "Kind", "LocationAxis", "Loss", "MeasurementKind",
+    "Objective", "Outcome", "Phase", "PredictedBy", "Scope", "Third",
 }  # fmt: skip
 """Enumerations whose members are words of files and tables, or choose between sentences."""
 ELSEWHERE = {"Code", "FitNote", "NoBaselines", "Status"}

@@ -255,11 +255,11 @@ def test_a_table_is_the_same_in_parts_of_any_size(block, monkeypatch) -> None:
     columns = {name: np.arange(5) / 3 for name in TRIAL_COLUMNS}
     columns |= {name: np.arange(5) for name in INTEGER_COLUMNS}
     columns |= {name: np.array(list('a,"\ne'), dtype=object) for name in TEXT_COLUMNS}
-    whole = list(batch_table.table_text(columns))
+    complete = list(batch_table.table_text(columns))
     monkeypatch.setattr(batch_table, "_BLOCK", block)
     parts = list(batch_table.table_text(columns))
-    assert "".join(parts) == "".join(whole)
-    assert (len(whole), len(parts)) == (2, 1 - (-5 // block))
+    assert "".join(parts) == "".join(complete)
+    assert (len(complete), len(parts)) == (2, 1 - (-5 // block))
 
 
 ODD = {
@@ -336,9 +336,9 @@ def test_a_record_without_a_key_is_refused_by_its_name(kind, tmp_path) -> None:
         one.add(0)
     path = tmp_path / kind.file
     header, line = path.read_bytes().splitlines()
-    whole = json.loads(line)
-    for key in whole:
-        left = {name: value for name, value in whole.items() if name != key}
+    complete = json.loads(line)
+    for key in complete:
+        left = {name: value for name, value in complete.items() if name != key}
         path.write_bytes(header + b"\n" + json.dumps(left).encode() + b"\n")
         with pytest.raises(ResultError, match=rf":2: damaged \({key} is missing\); (start|remove)"):
             kind(tmp_path)

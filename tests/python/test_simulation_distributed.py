@@ -263,11 +263,13 @@ def test_a_campaign_is_simulated_on_a_cluster(
     client: Any, trials: list[Trial], tmp_path: Path
 ) -> None:
     from campaign_samples import assert_equal
-    from vsr2.campaign import simulate_campaign
+    from vsr2.campaign import RunOptions, simulate_campaign
 
-    local = simulate_campaign(trials[:6], series_every=20, threads=1)
+    local = simulate_campaign(trials[:6], series_every=20, run=RunOptions(threads=1))
     far = simulate_campaign(
-        trials[:6], series_every=20, client=client, checkpoint=prepare_folder(tmp_path / "c")
+        trials[:6],
+        series_every=20,
+        run=RunOptions(client=client, checkpoint=prepare_folder(tmp_path / "c")),
     )
     assert far.provenance["workers"] >= 1
     assert_equal(replace(local, provenance={}), replace(far, provenance={}))

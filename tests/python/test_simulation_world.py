@@ -15,6 +15,7 @@ import pytest
 from vsr2 import _native
 from vsr2.config.study import ORIGINAL, Contact
 from vsr2.errors import SimulationError
+from vsr2.results import EngineKind, HandOver
 from vsr2.scene import build_scene
 from vsr2.simulation import Simulation, run_batch, study_trials
 from vsr2.simulation.native_trials import _settled_start, _specification
@@ -55,6 +56,8 @@ def test_the_engine_in_use_is_reported() -> None:
     simulation.set_rock_velocity((20.0, 0.0, 0.0))
     simulation.step(0.0, steps=600)
     assert (simulation.engine, simulation.hand_over) == ("fast", "off_the_top")
+    assert simulation.engine is EngineKind.fast
+    assert simulation.hand_over is HandOver.off_the_top
 
 
 @pytest.mark.parametrize("mode", ["parity", "exact", "fast"])
@@ -185,11 +188,13 @@ def test_running_contact_carries_the_weight_with_the_pair_values() -> None:
     contacts = simulation.contacts()
     assert len(contacts) == 4
     pair = pair_values(scene.contact)
+    logged = {one.vector or one.name for one in _native.contact_columns()} - {"time"}
+    assert set(contacts[0]) == logged | set(type(scene.contact.rock).model_fields)
     for point in contacts:
         assert point["stiffness"] == pytest.approx(pair.stiffness, rel=1e-12)
         assert point["restitution"] == pytest.approx(pair.restitution)
         assert point["spinning_friction"] == pytest.approx(pair.spinning_friction)
-        assert point["normal_W"][2] == pytest.approx(1.0)
+        assert point["normal"][2] == pytest.approx(1.0)
     weight = scene.rock.mass.mass * 9.81 * 1e-3
     assert sum(point["normal_impulse"] for point in contacts) == pytest.approx(weight, rel=1e-5)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import json
 import pickle
 from collections.abc import Callable, Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -18,7 +19,7 @@ from vsr2.config.study import Output, Study
 from vsr2.effects import EffectRangeWarning, apply_effects
 from vsr2.errors import ConfigError, GeometryError
 from vsr2.motion import Motion, Record, SideMotion, build_recorded_motion
-from vsr2.results import BatchResult
+from vsr2.results import BatchResult, Outcome, Status
 from vsr2.scene import Hull, Mechanisms, Pose, Scene, build_scene
 from vsr2.simulation import native_scene, plan_sha256, run_batch
 from vsr2.simulation import native_scenes as module
@@ -113,6 +114,12 @@ def test_a_result_is_copied_with_its_logs(trial: Trial, duplicate: Copy) -> None
     assert other.log(0).state.tobytes() == result.log(0).state.tobytes()
     assert other.logs[1] is None
     assert other.provenance == result.provenance
+    for mapping in (other.provenance, other.provenance["build"]):
+        with pytest.raises(TypeError, match="read-only"):
+            mapping["version"] = "another"
+    assert json.dumps(other.provenance) == json.dumps(result.provenance)
+    assert {type(one) for one in other["outcome"]} == {Outcome}
+    assert result["status"].tolist() == ["ok", Status.ok]
     with pytest.raises(ValueError, match="read-only"):
         other.log(0).state[0, 0] = 1.0
 

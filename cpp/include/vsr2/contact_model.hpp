@@ -4,6 +4,7 @@
 
 #include <array>
 #include <cstddef>
+#include <limits>
 #include <string_view>
 
 namespace vsr2 {
@@ -17,25 +18,34 @@ enum class PairRule {
   sum,       ///< a + b
 };
 
-enum class Range { non_negative, positive };
+/// The values that a body may have.
+struct Range {
+  double least;
+  double greatest = std::numeric_limits<double>::infinity();
+  bool above = false;  ///< the least is left out
+};
+inline constexpr Range kNotNegative{0.0};
+inline constexpr Range kPositive{.least = 0.0, .above = true};
+inline constexpr Range kFraction{0.0, 1.0};
 
 struct ContactParameter {
   const char* name;
   const char* unit;  ///< empty: none
-  double original;   ///< value of the original system (Table S1); a study has its own default
   Range range;
+  double original;  ///< value of the original system (Table S1)
+  double usual;     ///< value of a study that gives none
   PairRule pair;
 };
 
-/// A study's keys of the same names (`Material` in config/study.py) tell what each means. Stiffness and
-/// damping are per contact point.
+/// Names, units, ranges and defaults are those of a study, too (`Material` in config/study.py), which
+/// tells what each means. Stiffness and damping are per contact point.
 inline constexpr std::array kContactParameters{
-    ContactParameter{"restitution", "", 0.35, Range::non_negative, PairRule::product},
-    ContactParameter{"lateral_friction", "", 0.7, Range::non_negative, PairRule::friction},
-    ContactParameter{"spinning_friction", "m", 0.5, Range::non_negative, PairRule::lever},
-    ContactParameter{"rolling_friction", "m", 0.0, Range::non_negative, PairRule::lever},
-    ContactParameter{"stiffness", "N/m", 2.6e9, Range::positive, PairRule::series},
-    ContactParameter{"damping", "N s/m", 1.0e7, Range::non_negative, PairRule::sum},
+    ContactParameter{"restitution", "", kFraction, 0.35, 0.35, PairRule::product},
+    ContactParameter{"lateral_friction", "", kNotNegative, 0.7, 0.7, PairRule::friction},
+    ContactParameter{"spinning_friction", "m", kNotNegative, 0.5, 0.0, PairRule::lever},
+    ContactParameter{"rolling_friction", "m", kNotNegative, 0.0, 0.0, PairRule::lever},
+    ContactParameter{"stiffness", "N/m", kPositive, 2.6e9, 2.6e9, PairRule::series},
+    ContactParameter{"damping", "N s/m", kNotNegative, 1.0e7, 1.0e7, PairRule::sum},
 };
 
 /// Where a parameter stands in the table. A name that is not there does not compile.

@@ -23,9 +23,9 @@
 
 namespace vsr2 {
 
-/// What InvalidInput is about.
-enum class InputFault {
-  value,          ///< a value that nothing can use
+/// What InvalidInput is about, as vsr2.errors.Fault has it.
+enum class Fault {
+  bad_value,          ///< a value that nothing can use
   drive,          ///< a drive or set-point that does not go with the pedestal
   engine_domain,  ///< an engine that does not take the scene
   no_rock,
@@ -35,12 +35,12 @@ enum class InputFault {
 /// Raised for a scene or trial that cannot be simulated; the message names the value.
 class InvalidInput : public std::invalid_argument {
  public:
-  explicit InvalidInput(const std::string& message, InputFault fault = InputFault::value)
+  explicit InvalidInput(const std::string& message, Fault fault = Fault::bad_value)
       : std::invalid_argument(message), fault_(fault) {}
-  InputFault fault() const { return fault_; }
+  Fault fault() const { return fault_; }
 
  private:
-  InputFault fault_;
+  Fault fault_;
 };
 
 /// A rigid transform: position [m] and unit orientation.

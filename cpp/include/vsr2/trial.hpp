@@ -84,7 +84,9 @@ struct TrialSpec {
 struct Column {
   const char* name;
   const char* unit;         ///< "1": a number without one; empty: no number
-  const char* description;  ///< without the unit
+  const char* description;  ///< of the quantity, without the unit
+  const char* vector = "";  ///< that it is a component of; empty: none
+  const char* component = "";  ///< of the vector, as its description goes on
 };
 /// Columns of a state log row, the time first; the orientation is of the body frame B.
 inline constexpr std::array<Column, 18> kStateLog{{
@@ -93,48 +95,50 @@ inline constexpr std::array<Column, 18> kStateLog{{
     {"commanded_velocity", "m/s", "set-point of the pedestal's velocity along x"},
     {"pedestal_position", "m", "position of the pedestal along x"},
     {"pedestal_velocity", "m/s", "velocity of the pedestal along x"},
-    {"rock_x", "m", "mass centre along x"},
-    {"rock_y", "m", "mass centre along y"},
-    {"rock_z", "m", "mass centre along z"},
-    {"rock_qx", "1", "orientation of the body frame, quaternion's x"},
-    {"rock_qy", "1", "orientation of the body frame, quaternion's y"},
-    {"rock_qz", "1", "orientation of the body frame, quaternion's z"},
-    {"rock_qw", "1", "orientation of the body frame, quaternion's w"},
-    {"rock_vx", "m/s", "velocity of the mass centre along x"},
-    {"rock_vy", "m/s", "velocity of the mass centre along y"},
-    {"rock_vz", "m/s", "velocity of the mass centre along z"},
-    {"rock_wx", "rad/s", "angular velocity about x"},
-    {"rock_wy", "rad/s", "angular velocity about y"},
-    {"rock_wz", "rad/s", "angular velocity about z"},
+    {"rock_x", "m", "mass centre", "position", " along x"},
+    {"rock_y", "m", "mass centre", "position", " along y"},
+    {"rock_z", "m", "mass centre", "position", " along z"},
+    {"rock_qx", "1", "orientation of the body frame", "body_orientation", ", quaternion's x"},
+    {"rock_qy", "1", "orientation of the body frame", "body_orientation", ", quaternion's y"},
+    {"rock_qz", "1", "orientation of the body frame", "body_orientation", ", quaternion's z"},
+    {"rock_qw", "1", "orientation of the body frame", "body_orientation", ", quaternion's w"},
+    {"rock_vx", "m/s", "velocity of the mass centre", "velocity", " along x"},
+    {"rock_vy", "m/s", "velocity of the mass centre", "velocity", " along y"},
+    {"rock_vz", "m/s", "velocity of the mass centre", "velocity", " along z"},
+    {"rock_wx", "rad/s", "angular velocity", "angular_velocity", " about x"},
+    {"rock_wy", "rad/s", "angular velocity", "angular_velocity", " about y"},
+    {"rock_wz", "rad/s", "angular velocity", "angular_velocity", " about z"},
 }};
 /// One row a contact point. The normal points from pedestal to rock, a negative distance is
 /// penetration, impulses are over one solver step.
 inline constexpr std::array<Column, 20> kContactLog{{
     {"time", "s", "time from the start of the motion"},
-    {"rock_point_x", "m", "point of the rock along x"},
-    {"rock_point_y", "m", "point of the rock along y"},
-    {"rock_point_z", "m", "point of the rock along z"},
-    {"pedestal_point_x", "m", "point of the pedestal along x"},
-    {"pedestal_point_y", "m", "point of the pedestal along y"},
-    {"pedestal_point_z", "m", "point of the pedestal along z"},
-    {"normal_x", "1", "normal from the pedestal to the rock, x"},
-    {"normal_y", "1", "normal from the pedestal to the rock, y"},
-    {"normal_z", "1", "normal from the pedestal to the rock, z"},
+    {"rock_point_x", "m", "point of the rock", "rock_point", " along x"},
+    {"rock_point_y", "m", "point of the rock", "rock_point", " along y"},
+    {"rock_point_z", "m", "point of the rock", "rock_point", " along z"},
+    {"pedestal_point_x", "m", "point of the pedestal", "pedestal_point", " along x"},
+    {"pedestal_point_y", "m", "point of the pedestal", "pedestal_point", " along y"},
+    {"pedestal_point_z", "m", "point of the pedestal", "pedestal_point", " along z"},
+    {"normal_x", "1", "normal from the pedestal to the rock", "normal", ", x"},
+    {"normal_y", "1", "normal from the pedestal to the rock", "normal", ", y"},
+    {"normal_z", "1", "normal from the pedestal to the rock", "normal", ", z"},
     {"distance", "m", "distance of the points along the normal, negative where they penetrate"},
     {"normal_impulse", "N s", "impulse along the normal over one solver step"},
     {"lateral_impulse_1", "N s", "impulse along the first lateral direction over one solver step"},
     {"lateral_impulse_2", "N s", "impulse along the second lateral direction over one solver step"},
-    {"lateral_direction_1_x", "1", "first lateral direction, x"},
-    {"lateral_direction_1_y", "1", "first lateral direction, y"},
-    {"lateral_direction_1_z", "1", "first lateral direction, z"},
-    {"lateral_direction_2_x", "1", "second lateral direction, x"},
-    {"lateral_direction_2_y", "1", "second lateral direction, y"},
-    {"lateral_direction_2_z", "1", "second lateral direction, z"},
+    {"lateral_direction_1_x", "1", "first lateral direction", "lateral_direction_1", ", x"},
+    {"lateral_direction_1_y", "1", "first lateral direction", "lateral_direction_1", ", y"},
+    {"lateral_direction_1_z", "1", "first lateral direction", "lateral_direction_1", ", z"},
+    {"lateral_direction_2_x", "1", "second lateral direction", "lateral_direction_2", ", x"},
+    {"lateral_direction_2_y", "1", "second lateral direction", "lateral_direction_2", ", y"},
+    {"lateral_direction_2_z", "1", "second lateral direction", "lateral_direction_2", ", z"},
 }};
 inline constexpr int kTime = 0;
 inline constexpr int kLogColumns = kStateLog.size();
 inline constexpr int kExcursionColumns = 3;  ///< as Excursion
 inline constexpr int kContactColumns = kContactLog.size();
+/// A contact point as a row of kContactLog; `time` [s].
+std::array<double, kContactColumns> contact_row(double time, const ContactPoint& contact);
 
 struct TrialResult {
   static constexpr double kNone = std::numeric_limits<double>::quiet_NaN();

@@ -41,12 +41,13 @@ LOGISTIC = LogisticRules()
 
 
 class Fitted(StrEnum):
-    """On which trials a way of predicting was fitted, as tables spell it."""
+    """On which trials a way of predicting was fitted."""
 
-    OUT_OF_FOLD = "out of fold"
-    IN_SAMPLE = "in sample"
-    BEST_OF_ALL = "in sample, best of all sets"
-    GIVEN = ""
+    OUT_OF_FOLD = "out_of_fold"
+    IN_SAMPLE = "in_sample"
+    BEST_OF_ALL = "best_of_all"
+    """In sample, and the best of all sets that were evaluated."""
+    GIVEN = "given"
     """Not by us: predictions that came with the campaign."""
 
 

@@ -16,9 +16,11 @@ class IntervalRules:
     """How intervals are made; all are choices, none is fitted.
 
     Attributes:
-        level: of all intervals.
-        replicates: of a bootstrap, and draws of true probabilities.
-        bins: of probability, for calibration errors.
+        level: of all intervals; usual in engineering statistics.
+        replicates: of a bootstrap, and draws of true probabilities; usual for percentile intervals
+            (Efron and Tibshirani 1993).
+        bins: of probability, for calibration errors: a tenth each, as in
+            :class:`vsr2.analysis.probability.ReliabilityRules`.
     """
 
     level: float = 0.95

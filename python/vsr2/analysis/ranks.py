@@ -21,9 +21,10 @@ class RankRules:
     """How uniformity is judged; all are choices, none is fitted.
 
     Attributes:
-        points: at which the distribution of ranks is compared with the uniform one.
-        level: of the band that holds all points at once.
-        draws: of uniform ranks, that say how far these scatter.
+        points: at which the distribution of ranks is compared with the uniform one: 5 % apart.
+        level: of the band that holds all points at once; usual in engineering statistics.
+        draws: of uniform ranks, that say how far these scatter: the level of the band is then known
+            to sqrt(0.95 x 0.05 / 4000), 0.3 %.
     """
 
     points: int = 19

@@ -40,6 +40,7 @@ from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resample
 from vsr2.config.extended import Plain
 from vsr2.errors import CampaignError, ResultError
 from vsr2.results import base_provenance
+from vsr2.simulation.run_constants import run_constants
 
 if TYPE_CHECKING:
     import distributed
@@ -279,7 +280,11 @@ def calibrate(
         | {
             "study": study.study.model_dump(mode="json"),
             "calibration": settings.model_dump(mode="json"),
-            "constants": {"calibration": asdict(CALIBRATION), "baselines": asdict(LOGISTIC)},
+            "constants": {
+                **run_constants(),
+                "calibration": asdict(CALIBRATION),
+                "baselines": asdict(LOGISTIC),
+            },
             "campaign": {"name": campaign.name, "trials": len(campaign), "sha256": digest},
             "seed": seed,
             "evaluations": len(found.evaluations),

@@ -35,9 +35,9 @@ class Identifiability(StrEnum):
     """
 
     IDENTIFIED = "identified"
-    BOUNDED_ABOVE = "bounded above"
-    BOUNDED_BELOW = "bounded below"
-    NOT_IDENTIFIED = "not identified"
+    BOUNDED_ABOVE = "bounded_above"
+    BOUNDED_BELOW = "bounded_below"
+    NOT_IDENTIFIED = "not_identified"
 
 
 @dataclass(frozen=True)

@@ -14,7 +14,7 @@ from vsr2.campaign.folds import grouped_folds, motion_folds, motion_resamples
 from vsr2.campaign.intensity import TrialIntensities, intensity_measures
 from vsr2.campaign.laboratory import import_lab
 from vsr2.campaign.save import save_campaign
-from vsr2.campaign.simulate import simulate_campaign, trial_statuses
+from vsr2.campaign.simulate import RunOptions, simulate_campaign, trial_statuses
 from vsr2.campaign.summary import campaign_summary
 from vsr2.codes import TIERS, Tier
 
@@ -25,6 +25,7 @@ __all__ = [
     "CampaignProblem",
     "CampaignTrial",
     "MeasurementNoise",
+    "RunOptions",
     "Series",
     "Specimen",
     "Tier",

@@ -8,9 +8,9 @@ import math
 import os
 import re
 from collections.abc import Mapping, Sequence
-from dataclasses import asdict, replace
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypedDict, Unpack
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -49,16 +49,29 @@ SPECIMEN = "rock"
 """Id of the specimen of a simulated campaign."""
 
 
-class RunOptions(TypedDict, total=False):
-    """How trials are run, as :func:`vsr2.simulation.run_batch` takes it."""
+@checked_names(CampaignError)
+@dataclass(frozen=True, eq=False)
+class RunOptions:
+    """How trials are run, which changes nothing in what they give.
 
-    threads: int | None
-    progress: bool
-    checkpoint: str | os.PathLike[str] | None
-    client: distributed.Client | None
+    Attributes:
+        threads, progress, checkpoint, client: as :func:`vsr2.simulation.run_batch` takes them. With
+            a checkpoint a call that was killed, made again, runs only the other trials and gives
+            the same campaign.
+        made: a campaign that the same call gave before: it is given back, and nothing is run.
+    """
+
+    threads: int | None = None
+    progress: bool = False
+    checkpoint: str | os.PathLike[str] | None = None
+    client: distributed.Client | None = None
+    made: Campaign | None = None
 
 
-@checked_names(CampaignError, RunOptions)
+RUN = RunOptions()
+
+
+@checked_names(CampaignError)
 def simulate_campaign(
     study: Study | Sequence[Trial],
     *,
@@ -68,8 +81,7 @@ def simulate_campaign(
     noise: MeasurementNoise | None = None,
     seed: int = 0,
     series_every: int = 0,
-    made: Campaign | None = None,
-    **run: Unpack[RunOptions],
+    run: RunOptions = RUN,
 ) -> Campaign:
     """Run trials and write down what an experimenter would have measured.
 
@@ -89,17 +101,14 @@ def simulate_campaign(
         noise: standard errors; None, and channels not stated: none.
         seed: of the noise and of what effects draw.
         series_every: keep a row of the series every so many time steps; 0: no series.
-        made: a campaign that the same call gave before: it is given back, and nothing is run.
-        run: threads, progress, checkpoint and client of :func:`vsr2.simulation.run_batch`. With a
-            checkpoint a call that was killed, made again, runs only the other trials and gives the
-            same campaign.
+        run: threads, progress, checkpoint and the like.
 
     Returns:
         The campaign. Failed and interrupted trials have no outcome; :func:`trial_statuses` tells
         how each ended, and its note says so to people.
 
     Raises:
-        CampaignError: lists of another length than the trials, or `made` is of another call.
+        CampaignError: lists of another length than the trials, or `run.made` is of another call.
         Vsr2Error: as `run_batch`.
     """
     if series_every < 0 or seed < 0:
@@ -110,18 +119,18 @@ def simulate_campaign(
     held = _sessions(sessions, len(asked))
     trials = apply_effects(asked, wanted, sessions=held, seed=seed)
     digest = _digest(trials, noise, seed)
-    if made is not None:
-        if made.provenance.get("digest") != digest:
+    if run.made is not None:
+        if run.made.provenance.get("digest") != digest:
             raise CampaignError(
-                f"campaign {made.name!r} was made from another study, seed or noise; simulate into "
-                "a new folder, or overwrite it without resuming"
+                f"campaign {run.made.name!r} was made from another study, seed or noise; simulate "
+                "into a new folder, or overwrite it without resuming"
             )
-        return made
+        return run.made
     rows, written = _unjudged(asked, names, held, noise, seed)
     result, series = _run(trials, noise, seed, run)
     ends = {}
     for i, row in enumerate(rows):
-        if result["status"][i] != Status.ok.name:
+        if result["status"][i] != Status.ok:
             ends[row.trial] = str(result["status"][i])
         rows[i] = _judged(row, result, i, noise, _generator(seed, i, 1), series.get(i))
     facts = _facts(study, wanted, noise, seed, series_every)
@@ -188,13 +197,20 @@ def _run(
         if one is not None:
             series[index] = one
 
-    result = run_batch(trials, keep_logs=False, on_trial=keep, **options)
-    checkpoint = options.get("checkpoint")
-    if checkpoint is not None and trials[0].output.log_every:
+    result = run_batch(
+        trials,
+        threads=options.threads,
+        progress=options.progress,
+        keep_logs=False,
+        on_trial=keep,
+        checkpoint=options.checkpoint,
+        client=options.client,
+    )
+    if options.checkpoint is not None and trials[0].output.log_every:
         # Of trials that were finished before.
         for i in range(len(trials)):
             if i not in series and result["status"][i] in JUDGED:
-                keep(i, load_trial_log(checkpoint, i))
+                keep(i, load_trial_log(options.checkpoint, i))
     return result, series
 
 
@@ -256,7 +272,7 @@ def trial_statuses(campaign: Campaign) -> dict[str, Status]:
             f"campaign {campaign.name!r}: its provenance does not say how its trials ended; "
             "simulate it again with this VSR2"
         )
-    return {trial.trial: Status[ends.get(trial.trial, Status.ok.name)] for trial in campaign.trials}
+    return {trial.trial: Status[ends.get(trial.trial, Status.ok)] for trial in campaign.trials}
 
 
 def _judged(
@@ -268,8 +284,8 @@ def _judged(
     series: Series | None,
 ) -> CampaignTrial:
     status, outcome = str(result["status"][at]), str(result["outcome"][at])
-    note = "" if status == Status.ok.name else status
-    if status not in JUDGED or outcome == Outcome.failed.name:
+    note = "" if status == Status.ok else status
+    if status not in JUDGED or outcome == Outcome.failed:
         return replace(row, note=note or outcome)
     peak = float(result["peak_tilt"][at])
     if noise.peak_tilt:
@@ -278,7 +294,7 @@ def _judged(
         peak *= float(np.exp(noise.peak_tilt_relative * rng.standard_normal()))
     return replace(
         row,
-        overturned=outcome == Outcome.overturned.name,
+        overturned=outcome == Outcome.overturned,
         peak_tilt=float(np.clip(peak, 0.0, np.pi)) if np.isfinite(peak) else None,
         note=note,
         series=series,

@@ -164,7 +164,7 @@ def exit_code(result: BatchResult) -> int:
     """0, or 1 where some trials have no trustworthy outcome."""
     from vsr2.results import Status
 
-    return 0 if set(result["status"]) <= {Status.ok.name} else 1
+    return 0 if set(result["status"]) <= {Status.ok} else 1
 
 
 def nothing_to_do(folder: Path, *, quiet: bool) -> int:

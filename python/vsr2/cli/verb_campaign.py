@@ -335,7 +335,7 @@ def simulate(
 def _simulated(
     study: Study, dest: Path, checkpoint: Path, options: Simulation, noise: MeasurementNoise
 ) -> Campaign:
-    from vsr2.campaign import load_campaign, simulate_campaign
+    from vsr2.campaign import RunOptions, load_campaign, simulate_campaign
     from vsr2.results import has_journal, prepare_folder
 
     unfinished = has_journal(checkpoint)
@@ -358,9 +358,11 @@ def _simulated(
             noise=MeasurementNoise(**dataclasses.asdict(noise)),
             seed=options.seed,
             series_every=options.series_every,
-            threads=options.threads,
-            progress=not options.quiet,
-            made=made,
-            checkpoint=checkpoint if made is None else None,
-            client=client,
+            run=RunOptions(
+                threads=options.threads,
+                progress=not options.quiet,
+                checkpoint=checkpoint if made is None else None,
+                client=client,
+                made=made,
+            ),
         )

@@ -18,7 +18,6 @@ if TYPE_CHECKING:
 
     from vsr2.config import Study
     from vsr2.diagnosis import Diagnosis, Execution, Hypotheses
-    from vsr2.diagnosis.iteration import Asked
     from vsr2.diagnosis.simulated.nuisances import Distribution
 
     Prior = Distribution | tuple[float, float]
@@ -123,7 +122,7 @@ def diagnose(
     from vsr2.diagnosis import Budget, iterate
     from vsr2.diagnosis import diagnose as find
     from vsr2.diagnosis.corrected import check_draws
-    from vsr2.diagnosis.iteration import WORK_FILES
+    from vsr2.diagnosis.iteration import WORK_FILES, Asked
     from vsr2.diagnosis.verdict.document import PAGE_FILE
     from vsr2.report.diagnosis_page import format_diagnosis
     from vsr2.report.messages.commands import iteration_table
@@ -135,9 +134,9 @@ def diagnose(
     measured, study = load_campaign(campaign).on_file(), opt.scene(scene, effort.set)
     opt.work_folder(out, WORK_FILES, "a diagnosis", effort)
     with opt.cluster(effort.scheduler, effort.threads) as client:
-        asked: Asked = {
-            "tier": question.tier,
-            "budget": Budget(
+        asked = Asked(
+            tier=question.tier,
+            budget=Budget(
                 effort.budget_minutes,
                 effort.simulations,
                 effort.campaigns,
@@ -145,21 +144,21 @@ def diagnose(
                 effort.waterfall,
                 effort.budget_cpu_minutes,
             ),
-            "hypotheses": _hypotheses(question),
-            "execution": _execution(effort, client),
-            "seed": question.seed,
-        }
+            hypotheses=_hypotheses(question),
+            execution=_execution(effort, client),
+            seed=question.seed,
+        )
 
         def written(found: Diagnosis, of: Study, folder: Path) -> None:
             _write(found, of, folder, effort)
 
         if effort.iterate:
             rounds = iterate(
-                measured, study, out, most=effort.most_rounds, finished=written, **asked
+                measured, study, out, asked=asked, most=effort.most_rounds, finished=written
             )
             said, path = iteration_table(rounds), out
         else:
-            found = find(measured, study, out=out, **asked)
+            found = find(measured, study, out=out, **vars(asked))
             written(found, study, out)
             said, path = format_diagnosis(found), out / PAGE_FILE
     if not effort.quiet:

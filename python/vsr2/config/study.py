@@ -8,6 +8,7 @@ them against the folder of the file that names them.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from os import PathLike
 from typing import Annotated, Any, Literal, Self
@@ -20,6 +21,7 @@ from pydantic import (
     model_validator,
 )
 
+from vsr2 import _native
 from vsr2._native import EngineMode as EngineMode
 from vsr2.config import sources as of
 from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, MotionSource, shortest_period
@@ -239,26 +241,42 @@ Pedestal = Annotated[
 ]
 
 
+_CONTACT_PARAMETERS = {one.name: one for one in _native.contact_parameters()}
+
+
+def _of_core(name: str) -> Any:
+    """A contact parameter with default and range of the core, which checks it again."""
+    core = _CONTACT_PARAMETERS[name]
+    return Field(
+        default=core.usual,
+        strict=True,
+        gt=core.least if core.above else None,
+        ge=None if core.above else core.least,
+        le=core.greatest if math.isfinite(core.greatest) else None,
+    )
+
+
 class Material(Section):
     """Body-level contact inputs (supplement S2.1); pair values follow from both bodies by Eq. 1.
 
     The defaults are the supplement's best values (Table S1), but for `spinning_friction`.
     """
 
-    restitution: Annotated[float, Strict(), Field(ge=0, le=1), of.SUPPLEMENT_CONTACT] = 0.35
+    # Defaults and ranges stand in the core's table (cpp/include/vsr2/contact_model.hpp).
+    restitution: Annotated[float, of.SUPPLEMENT_CONTACT] = _of_core("restitution")
     """Coefficient of restitution; the pair's is the product of both bodies'."""
-    lateral_friction: Annotated[NonNegative, of.SUPPLEMENT_CONTACT] = 0.7
+    lateral_friction: Annotated[float, of.SUPPLEMENT_CONTACT] = _of_core("lateral_friction")
     """Coulomb friction coefficient; the pair's is the product of both bodies'."""
-    spinning_friction: Annotated[NonNegative, of.POINT_CONTACT] = 0.0
+    spinning_friction: Annotated[float, of.POINT_CONTACT] = _of_core("spinning_friction")
     """Resistance against turning about the contact normal [m]. The pair's lever is that of the one
     times `lateral_friction` of the other, summed over both; a contact point bears a moment of at
     most lever times normal force. A real contact patch has a few tenths of a millimetre; `preset:
     original` has 0.5, a lever of 0.7 m (docs/explanation/contact_model.md)."""
-    rolling_friction: Annotated[NonNegative, of.ORIGINAL_SETUP] = 0.0
+    rolling_friction: Annotated[float, of.ORIGINAL_SETUP] = _of_core("rolling_friction")
     """Resistance against rolling, a lever as that of spinning [m]; the original leaves it at 0."""
-    stiffness: Annotated[Positive, of.SUPPLEMENT_CONTACT] = 2.6e9
+    stiffness: Annotated[float, of.SUPPLEMENT_CONTACT] = _of_core("stiffness")
     """Contact stiffness, per contact point [N/m]."""
-    damping: Annotated[NonNegative, of.SUPPLEMENT_CONTACT] = 1.0e7
+    damping: Annotated[float, of.SUPPLEMENT_CONTACT] = _of_core("damping")
     """Contact damping, per contact point [N s/m]."""
 
 
@@ -370,7 +388,14 @@ ORIGINAL: Mapping[str, Mapping[str, Any]] = {
         "converged_contacts": False,
         "skip": "none",
     },
-    "contact": {body: {"spinning_friction": 0.5} for body in ("rock", "pedestal")},
+    "contact": {
+        body: {
+            one.name: one.original
+            for one in _CONTACT_PARAMETERS.values()
+            if one.original != one.usual
+        }
+        for body in ("rock", "pedestal")
+    },
 }
 """What `preset: original` puts in place of the defaults."""
 

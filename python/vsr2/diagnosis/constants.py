@@ -29,30 +29,11 @@ from vsr2.diagnosis.simulated.simulator import SIMULATION
 from vsr2.diagnosis.verdict.limits import LIMITS
 from vsr2.diagnosis.verdict.next_measurement import MEASUREMENT
 from vsr2.diagnosis.where.scan import SCAN
-from vsr2.effects.actuation import ACTUATION
-from vsr2.effects.mechanism import CATCH
-from vsr2.effects.order import ORDER
-from vsr2.effects.oscillator import OSCILLATOR
-from vsr2.effects.rounding import ROUNDING
-from vsr2.effects.standing import STANDING
-from vsr2.effects.support import SUPPORT
-
-
-def effect_constants() -> dict[str, dict[str, Any]]:
-    """Tuned numbers of the library of effects, by what they are of."""
-    return {
-        "actuation": asdict(ACTUATION),
-        "catch": asdict(CATCH),
-        "order": asdict(ORDER),
-        "oscillator": asdict(OSCILLATOR),
-        "rounding": asdict(ROUNDING),
-        "standing": asdict(STANDING),
-        "support": asdict(SUPPORT),
-    }
+from vsr2.simulation.run_constants import run_constants
 
 
 def diagnosis_constants() -> dict[str, dict[str, Any]]:
-    """Tuned numbers of a diagnosis, by what they are of; those of the effects among them."""
+    """Tuned numbers of a diagnosis, by what they are of; those of its trials among them."""
     return {
         "observed": asdict(OBSERVED),
         "series": asdict(SERIES),
@@ -78,5 +59,5 @@ def diagnosis_constants() -> dict[str, dict[str, Any]]:
         "waterfall": asdict(WATERFALL),
         "measurement": asdict(MEASUREMENT),
         "limits": asdict(LIMITS),
-        **effect_constants(),
+        **run_constants(),
     }

@@ -9,13 +9,13 @@ from dataclasses import astuple, dataclass, fields, replace
 from enum import StrEnum
 from os import PathLike
 from pathlib import Path
-from typing import Any, Literal, TypedDict, Unpack, get_args
+from typing import Any, Literal, get_args
 
 from vsr2 import _native
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, dump_study, load_study
-from vsr2.diagnosis.api import BUDGET, Execution, diagnose, made_folder
+from vsr2.diagnosis.api import BUDGET, EXECUTION, Execution, diagnose, made_folder
 from vsr2.diagnosis.budget import SCHEDULE, Budget
 from vsr2.diagnosis.corrected import CORRECTED_FILE, DRAWS_FOLDER, corrected_study, scene_head
 from vsr2.diagnosis.protocol_cache import POSTERIORS, SIMULATIONS
@@ -58,14 +58,18 @@ class Ended(StrEnum):
     """No study states what the last round names beside the scene's own effects."""
 
 
-class Asked(TypedDict, total=False):
-    """What :func:`vsr2.diagnose` takes beside campaign, scene and folder."""
+@dataclass(frozen=True, eq=False)
+class Asked:
+    """What :func:`vsr2.diagnose` takes beside campaign, scene and folder, in its words."""
 
-    tier: Tier | None
-    budget: Budget
-    hypotheses: Hypotheses
-    execution: Execution
-    seed: int
+    tier: Tier | None = None
+    budget: Budget = BUDGET
+    hypotheses: Hypotheses = HYPOTHESES
+    execution: Execution = EXECUTION
+    seed: int = 0
+
+
+ASKED = Asked()
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,15 +139,15 @@ def _summary(one: Round) -> dict[str, Any]:
     }
 
 
-@checked_names(DiagnosisError, Asked)
+@checked_names(DiagnosisError)
 def iterate(
     campaign: Campaign | str | PathLike[str],
     scene: Study | str | PathLike[str],
     out: str | PathLike[str],
     *,
+    asked: Asked = ASKED,
     most: int | None = None,
     finished: Callable[[Diagnosis, Study, Path], object] = lambda found, study, folder: None,
-    **asked: Unpack[Asked],
 ) -> Iteration:
     """Diagnose a campaign, correct the scene by what is named, and diagnose again.
 
@@ -155,10 +159,10 @@ def iterate(
         scene: to begin with.
         out: folder of the rounds, `round_1` and so on, of `iteration.json`, and of
             `corrected.yaml` with all that was named.
+        asked: of each round.
         most: rounds; None: `ScheduleConstants.rounds`.
         finished: called with the diagnosis, the scene and the folder of a round that was run; the
             round counts as finished afterwards.
-        asked: the other arguments of :func:`vsr2.diagnose`.
 
     Returns:
         The rounds.
@@ -188,14 +192,10 @@ def iterate(
             ended = Ended.NOTHING_CHANGED
             break
         study = corrected
-        asked = {**asked, "hypotheses": replace(_hypotheses(asked), references=())}
+        asked = replace(asked, hypotheses=replace(asked.hypotheses, references=()))
     done = Iteration(tuple(rounds), ended, study)
     done.save(folder)
     return done
-
-
-def _hypotheses(asked: Asked) -> Hypotheses:
-    return asked.get("hypotheses", HYPOTHESES)
 
 
 def _round(
@@ -210,7 +210,7 @@ def _round(
     known = _finished(folder, study, digest)
     if known is not None:
         return Round(folder, study, known)
-    found = diagnose(campaign, study, out=folder, **asked)
+    found = diagnose(campaign, study, out=folder, **vars(asked))
     finished(found, study, folder)
     # Last of all, so that what counts as finished is.
     content = json.loads((folder / FILE).read_text(encoding="utf-8"))
@@ -241,16 +241,16 @@ def _digest(campaign: Campaign, study: Study, asked: Asked) -> str:
 
 
 def _content(campaign: Campaign, study: Study, asked: Asked) -> Iterator[bytes]:
-    hypotheses = _hypotheses(asked)
+    hypotheses = asked.hypotheses
     drawn = (*hypotheses.nuisances, *hypotheses.contact_family)
     yield repr(
         (
             SCHEMA,
             str(_native.build_facts()["version"]),
             study.model_dump_json(),
-            asked.get("tier"),
-            astuple(asked.get("budget", BUDGET)),
-            asked.get("seed", 0),
+            asked.tier,
+            astuple(asked.budget),
+            asked.seed,
             sorted(hypotheses.exclude),
             hypotheses.ends,
             [(name, own_code(type(one))) for name, one in hypotheses.offered.items()],

@@ -34,7 +34,6 @@ from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
-from vsr2.diagnosis.constants import effect_constants
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
@@ -46,6 +45,7 @@ from vsr2.effects import check_study_effects, effect
 from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
 from vsr2.results import base_provenance
 from vsr2.results.atomic import csv_text, write_text
+from vsr2.simulation.run_constants import run_constants
 
 Array = NDArray[np.float64]
 Scene = Study | str | PathLike[str]
@@ -297,7 +297,7 @@ def predict(
                 "prediction": asdict(PREDICTION),
                 "reliability": asdict(RELIABILITY),
                 "margin": asdict(MARGIN),
-                **effect_constants(),
+                **run_constants(),
             },
             "seed": seed,
         },

@@ -19,6 +19,7 @@ from vsr2.motion import Motion, intensity_measures
 from vsr2.one_line import OneLine
 from vsr2.results import BatchResult, finished_plan, load_result
 from vsr2.simulation import plan_sha256, run_batch
+from vsr2.simulation.run_constants import run_constants
 from vsr2.trial import Trial
 
 if TYPE_CHECKING:
@@ -201,7 +202,7 @@ def _fitted(
         | {
             "study": study.study.model_dump(mode="json"),
             "fragility": settings.model_dump(mode="json"),
-            "constants": {"fit": asdict(FIT)},
+            "constants": {**run_constants(), "fit": asdict(FIT)},
         },
     )
 

@@ -60,13 +60,13 @@ def representative_trials(
         among = [i for i, log in enumerate(result.logs) if log is not None]
 
     def nearness(i: int) -> tuple[bool, float]:
-        overturned = result["outcome"][i] == Outcome.overturned.name
+        overturned = result["outcome"][i] == Outcome.overturned
         value = float(result["pga_g"][i] if overturned else -result["peak_tilt"][i])
         return bool(np.isnan(value)), value
 
     kinds = [
         sorted((i for i in among if result["outcome"][i] == outcome), key=nearness)
-        for outcome in (*reversed(OUTCOMES[:-1]), Outcome.failed.name)
+        for outcome in (*reversed(OUTCOMES[:-1]), Outcome.failed)
     ]
     chosen: list[int] = []
     while len(chosen) < limit and any(kinds):

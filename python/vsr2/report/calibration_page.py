@@ -21,6 +21,7 @@ from vsr2.campaign import intensity_measures
 from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
+from vsr2.report.messages.agreement import FITTED, IDENTIFIABILITY
 from vsr2.report.messages.runs import compatible_values, no_baselines, optimism_note
 from vsr2.report.pages import render
 from vsr2.report.panels import legend_below, scale_axis, scale_where_wide, sheet, write_page
@@ -126,7 +127,7 @@ def _profile_panel(panel: Axes, profile: Profile, parameter: Parameter, top: flo
     )
     unit = f" [{parameter.unit}]" if parameter.unit else ""
     panel.set_xlabel(printable(profile.name.replace("_", " ") + unit), parse_math=False)
-    panel.set_title(profile.verdict, fontsize="small")
+    panel.set_title(IDENTIFIABILITY[profile.verdict], fontsize="small")
 
 
 def _short(value: Plain) -> str:
@@ -259,7 +260,7 @@ def calibration_page(result: CalibrationResult, figures: dict[str, str]) -> str:
 def _score_table(result: CalibrationResult) -> str:
     header = ["prediction", "fitted", "trials", *SCORES[:4], "mean of three"]
     rows = [
-        [s.name, s.fitted, s.metrics.trials, *(s.intervals[name] for name in SCORES)]
+        [s.name, FITTED[s.fitted], s.metrics.trials, *(s.intervals[name] for name in SCORES)]
         for s in result.scores
     ]
     return markdown_table(header, rows)
@@ -277,7 +278,7 @@ def _value_table(result: CalibrationResult) -> str:
                 _short(profile.best),
                 *([_spread(found)] if found else []),
                 compatible_values(profile),
-                profile.verdict,
+                IDENTIFIABILITY[profile.verdict],
             ]
         )
     folds = ["in the folds"] if result.folds else []

@@ -24,12 +24,12 @@ BLACK, ORANGE, SKY, GREEN, BLUE, VERMILION, PURPLE, GREY = (
 )  # fmt: skip
 
 OUTCOME_STYLE: dict[str, dict[str, Any]] = {
-    Outcome.stable.name: {"marker": "o", "facecolor": "none", "edgecolor": GREY},
-    Outcome.rocked.name: {"marker": "o", "facecolor": SKY, "edgecolor": BLUE},
-    Outcome.slid.name: {"marker": "s", "facecolor": GREEN, "edgecolor": "white"},
-    Outcome.rotated.name: {"marker": "D", "facecolor": ORANGE, "edgecolor": "white"},
-    Outcome.overturned.name: {"marker": "^", "facecolor": VERMILION, "edgecolor": "white"},
-    Outcome.failed.name: {"marker": "x", "facecolor": BLACK},
+    Outcome.stable: {"marker": "o", "facecolor": "none", "edgecolor": GREY},
+    Outcome.rocked: {"marker": "o", "facecolor": SKY, "edgecolor": BLUE},
+    Outcome.slid: {"marker": "s", "facecolor": GREEN, "edgecolor": "white"},
+    Outcome.rotated: {"marker": "D", "facecolor": ORANGE, "edgecolor": "white"},
+    Outcome.overturned: {"marker": "^", "facecolor": VERMILION, "edgecolor": "white"},
+    Outcome.failed: {"marker": "x", "facecolor": BLACK},
 }
 """Marker and colour of each outcome; the shape alone tells it in print without colour."""
 
@@ -108,7 +108,7 @@ def overturning_diagram(result: BatchResult) -> Figure:
                 ratio[chosen],
                 pga[chosen],
                 s=size,
-                linewidth=1.2 if outcome in (Outcome.stable.name, Outcome.failed.name) else 0.5,
+                linewidth=1.2 if outcome in (Outcome.stable, Outcome.failed) else 0.5,
                 label=f"{outcome} ({chosen.sum()})",
                 zorder=2.0 + 0.1 * OUTCOMES.index(outcome),
                 **OUTCOME_STYLE[outcome],

@@ -13,27 +13,18 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.errors import ResultError
 from vsr2.results.result import TEXT_COLUMNS, TRIAL_COLUMNS, BatchResult
-from vsr2.results.trial_log import ANGULAR_VELOCITY, POSITION, STATE_COLUMNS, VELOCITY
 
 if TYPE_CHECKING:
     import pandas
     import xarray
 
-_STATE = {one.name: one for one in _native.state_columns()}
-_LOGGED = (
-    "time",
-    "commanded_position",
-    "commanded_velocity",
-    "pedestal_position",
-    "pedestal_velocity",
-)
-"""Columns of the log; `time` is a coordinate."""
-_LOGGED_VECTORS: dict[str, tuple[slice, str]] = {
-    "position": (POSITION, "mass centre in the world"),
-    "velocity": (VELOCITY, "velocity of the mass centre"),
-    "angular_velocity": (ANGULAR_VELOCITY, "angular velocity in the world"),
+_SERIES = {one.name: one for one in _native.state_columns() if not one.vector}
+"""Columns of the log that are no vector's; `time` is a coordinate."""
+_VECTORS = {
+    vector: [one for one in _native.state_columns() if one.vector == vector]
+    for vector in ("position", "velocity", "angular_velocity")
 }
-"""Columns and meaning of vectors in the log, along x, y, z."""
+"""Columns of vectors along x, y, z. The orientation is derived, as that of the model frame."""
 _DERIVED: dict[str, tuple[tuple[str, ...], str, str]] = {
     "tilt": ((), "rad", "angle from the settled vertical"),
     "turn": ((), "rad", "turn about the vertical from the settled pose"),
@@ -87,13 +78,13 @@ def _series(result: BatchResult) -> dict[str, Any]:
     """Variables of the logs, by name: dimensions, values, attributes."""
     steps = ("trial", "step")
     series: dict[str, Any] = {}
-    for name in _LOGGED:
-        about = {"units": _STATE[name].unit, "long_name": _STATE[name].description}
+    for name, column in _SERIES.items():
+        about = {"units": column.unit, "long_name": column.description}
         series[name] = (steps, result.stack(name), about)
-    state = result.stack("state")
-    for name, (part, meaning) in _LOGGED_VECTORS.items():
-        about = {"units": _STATE[STATE_COLUMNS[part.start]].unit, "long_name": meaning}
-        series[name] = ((*steps, "axis"), state[:, :, part], about)
+    for name, columns in _VECTORS.items():
+        about = {"units": columns[0].unit, "long_name": columns[0].quantity}
+        parts = [result.stack(column.name) for column in columns]
+        series[name] = ((*steps, "axis"), np.stack(parts, axis=-1), about)
     for name, (dimensions, unit, meaning) in _DERIVED.items():
         about = {"units": unit, "long_name": meaning}
         series[name] = ((*steps, *dimensions), result.stack(name), about)

@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from difflib import get_close_matches
+from enum import StrEnum
 from numbers import Integral
 from os import PathLike
 from typing import TYPE_CHECKING, Any, NamedTuple, overload
@@ -13,12 +14,15 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
-from vsr2._native import Column, EngineKind
+from vsr2._native import Column
+from vsr2._native import EngineKind as EngineKind
+from vsr2._native import HandOver as HandOver
 from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
 from vsr2.argument_names import checked_names
 from vsr2.errors import ResultError
 from vsr2.one_line import OneLine
+from vsr2.read_only import ReadOnlyDict
 from vsr2.results.trial_log import CONTACT_COLUMNS, STATE_COLUMNS, Array, TrialLog
 
 if TYPE_CHECKING:
@@ -28,10 +32,10 @@ if TYPE_CHECKING:
 STATUSES: tuple[str, ...] = tuple(Status.__members__)
 """How a trial ended; only `ok` and `tail_timeout` have an outcome other than `failed`."""
 
-JUDGED = (Status.ok.name, Status.tail_timeout.name)
+JUDGED = (Status.ok, Status.tail_timeout)
 """Statuses with which a trial's outcome is known."""
 
-UNFINISHED = (Status.cancelled.name, Status.not_run.name)
+UNFINISHED = (Status.cancelled, Status.not_run)
 """Statuses of trials that did not run to an end."""
 
 OUTCOMES: tuple[str, ...] = tuple(Outcome.__members__)
@@ -42,8 +46,14 @@ ENGINES: tuple[str, ...] = tuple(
 )
 """What can run a trial; `auto` is the choice among them."""
 
-NO_HAND_OVER: str = _native.HandOver.none.name
-"""The column `hand_over` of a trial that the engine it began with ran to its end."""
+WORDS: Mapping[str, type[StrEnum]] = {
+    "status": Status,
+    "outcome": Outcome,
+    "engine": EngineKind,
+    "hand_over": HandOver,
+}
+"""Columns of `BatchResult.trials` whose values are members of an enumeration, equal to their text;
+`engine` is empty where none ran."""
 
 _RESULTS = {column.name: column for column in _native.result_columns()}
 
@@ -114,18 +124,35 @@ COLUMNS = {
 """What files of a batch hold; with other columns they are refused."""
 
 
+def _as_members(name: str, column: NDArray[Any], words: type[StrEnum]) -> NDArray[Any]:
+    """A column of words as members of an enumeration; an empty text stays where it may stand."""
+    members = {**words.__members__, **({"": ""} if _RESULTS[name].missing else {})}
+    out = np.empty(len(column), dtype=object)
+    try:
+        out[:] = [members[word] for word in column]
+    except (KeyError, TypeError):
+        odd = next(word for word in column if not isinstance(word, str) or word not in members)
+        raise ResultError(
+            f"batch result: column {name} holds {odd!r}; known are {', '.join(words)}"
+        ) from None
+    return out
+
+
 @checked_names(ResultError)
 @dataclass(frozen=True, eq=False, repr=False)
 class BatchResult(OneLine):
     """Outcomes, logs and provenance of a batch.
 
     Attributes:
-        trials: columns TRIAL_COLUMNS, each of shape (trials,), read-only; strings as object arrays.
+        trials: columns TRIAL_COLUMNS, each of shape (trials,), read-only; strings as object
+            arrays, those of `WORDS` as members of their enumerations.
         logs: one per trial; None where nothing was logged.
-        provenance: study, versions, build facts, hashes, seeds, wall time (JSON-serialisable).
+        provenance: study, versions, build facts, hashes, seeds, wall time (JSON-serialisable),
+            read-only.
 
     Raises:
-        ResultError: a column is missing, unknown, or not as long as there are trials.
+        ResultError: a column is missing, unknown, or not as long as there are trials, or one of
+            `WORDS` holds another word.
     """
 
     trials: Mapping[str, NDArray[Any]]
@@ -146,7 +173,10 @@ class BatchResult(OneLine):
                     f"{len(self.logs)} trials"
                 )
         columns = {name: np.asarray(column).view() for name, column in self.trials.items()}
-        self.__setstate__({"trials": columns})
+        for name, words in WORDS.items():
+            columns[name] = _as_members(name, columns[name], words)
+        provenance = ReadOnlyDict(self.provenance)
+        self.__setstate__({"trials": columns, "provenance": provenance})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # numpy forgets in pickles and copies that an array is read-only.
@@ -168,7 +198,7 @@ class BatchResult(OneLine):
         return {
             "trials": len(self),
             **{name: count or None for name, count in outcomes.items()},
-            "ok": int((self["status"] == Status.ok.name).sum()),
+            "ok": int((self["status"] == Status.ok).sum()),
             "logs": sum(log is not None for log in self.logs),
         }
 
@@ -221,13 +251,13 @@ class BatchResult(OneLine):
     @property
     def judged(self) -> NDArray[np.bool_]:
         """Which trials have an outcome, shape (trials,)."""
-        found: NDArray[np.bool_] = self["outcome"] != Outcome.failed.name
+        found: NDArray[np.bool_] = self["outcome"] != Outcome.failed
         return found & np.isin(self["status"], JUDGED)
 
     @property
     def overturned(self) -> NDArray[np.bool_]:
         """Which trials ended with the rock overturned, shape (trials,)."""
-        found: NDArray[np.bool_] = self["outcome"] == Outcome.overturned.name
+        found: NDArray[np.bool_] = self["outcome"] == Outcome.overturned
         return found
 
     @property

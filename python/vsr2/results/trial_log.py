@@ -28,19 +28,20 @@ The normal points from the pedestal to the rock, a negative distance is penetrat
 over one solver step."""
 
 
-def _columns_between(columns: tuple[str, ...], first: str, last: str) -> slice:
-    """Where the columns of a row from `first` to `last` stand."""
-    return slice(columns.index(first), columns.index(last) + 1)
+def _vector(columns: list[_native.Column], name: str) -> slice:
+    """Where the components of a vector stand in a row."""
+    found = [k for k, one in enumerate(columns) if one.vector == name]
+    return slice(found[0], found[-1] + 1)
 
 
 # Vectors in a row of `TrialLog.state`, then what is read of a row of `TrialLog.contacts`.
-POSITION = _columns_between(STATE_COLUMNS, "rock_x", "rock_z")
-ORIENTATION = _columns_between(STATE_COLUMNS, "rock_qx", "rock_qw")
-VELOCITY = _columns_between(STATE_COLUMNS, "rock_vx", "rock_vz")
-ANGULAR_VELOCITY = _columns_between(STATE_COLUMNS, "rock_wx", "rock_wz")
+POSITION, ORIENTATION, VELOCITY, ANGULAR_VELOCITY = (
+    _vector(_native.state_columns(), name)
+    for name in ("position", "body_orientation", "velocity", "angular_velocity")
+)
 CONTACT_TIME = CONTACT_COLUMNS.index("time")
-ROCK_POINT = _columns_between(CONTACT_COLUMNS, "rock_point_x", "rock_point_z")
-CONTACT_NORMAL = _columns_between(CONTACT_COLUMNS, "normal_x", "normal_z")
+ROCK_POINT = _vector(_native.contact_columns(), "rock_point")
+CONTACT_NORMAL = _vector(_native.contact_columns(), "normal")
 NORMAL_IMPULSE = CONTACT_COLUMNS.index("normal_impulse")
 
 

@@ -49,6 +49,7 @@ from vsr2.simulation.distributed import run_on_cluster
 from vsr2.simulation.native_scenes import native_scene
 from vsr2.simulation.native_trials import run_native
 from vsr2.simulation.planning import check_trials, log_bytes, plan_sha256, study_trials
+from vsr2.simulation.run_constants import run_constants
 from vsr2.trial import Observation, Trial
 
 if TYPE_CHECKING:
@@ -135,6 +136,7 @@ def run_batch(
         "wall_time_s": time.time() - started,
         "models": _model_hashes(trials),
         "effects": _effects_given(trials),
+        "constants": run_constants(),
     }
     return BatchResult(collection.columns, tuple(collection.logs), provenance)
 
@@ -281,7 +283,7 @@ class _Collection:
         if self._journal is None:
             if self._keep_logs:
                 self.logs[i] = log
-        elif self.columns["status"][i] != Status.cancelled.name:
+        elif self.columns["status"][i] != Status.cancelled:
             if log is not None:
                 save_trial_log(self._folder, i, log, npy=self._trials[i].output.npy)
             row = {name: _plain(self.columns[name][i]) for name in RESULT_COLUMNS}
@@ -293,13 +295,13 @@ class _Collection:
 
 def _kept(value: Any) -> Any:
     """A word is kept once, not once a trial."""
-    return sys.intern(value) if isinstance(value, str) else value
+    return sys.intern(str(value)) if isinstance(value, str) else value
 
 
 def observed(trial: Trial, row: Mapping[str, Any]) -> Mapping[str, Any]:
     """The row of a trial as it is written down: with the effects on its outcome."""
     rules = [applied for applied in trial.effects if applied.effect.stage == "outcome"]
-    if not rules or row["outcome"] == Outcome.failed.name:
+    if not rules or row["outcome"] == Outcome.failed:
         return row
     observation = Observation(**{key: row[key] for key in OBSERVED})
     for rule in rules:
@@ -317,8 +319,8 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
             columns[name] = np.zeros(count, dtype=np.int64)
         else:
             columns[name] = np.full(count, np.nan)
-    columns["status"][:] = Status.not_run.name
-    columns["outcome"][:] = Outcome.failed.name
+    columns["status"][:] = Status.not_run
+    columns["outcome"][:] = Outcome.failed
     for i, trial in enumerate(trials):
         columns["trial"][i] = i
         columns["name"][i] = trial.label

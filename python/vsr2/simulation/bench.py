@@ -202,7 +202,7 @@ class EffectBench(Bench):
             pedestal=np.zeros(len(rows)),
             pitch=np.array(pitch),
             observation=Observation(
-                Outcome.rocked.name, float(tilts.max()), float(tilts[-1]), 0.0, 0.0
+                Outcome.rocked, float(tilts.max()), float(tilts[-1]), 0.0, 0.0
             ),
         )
 

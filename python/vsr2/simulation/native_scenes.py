@@ -91,8 +91,7 @@ def refusals(what: str) -> Iterator[None]:
     try:
         yield
     except _native.InvalidInput as error:
-        fault: _native.InputFault = vars(error)["fault"]
-        raise SimulationError(f"{what}: {error}", fault=Fault(fault.name)) from error
+        raise SimulationError(f"{what}: {error}", fault=Fault(vars(error)["fault"])) from error
 
 
 def _native_material(material: Material) -> _native.ContactValues:

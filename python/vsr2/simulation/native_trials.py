@@ -13,7 +13,7 @@ import numpy as np
 from vsr2 import _native
 from vsr2.config.study import Settling
 from vsr2.motion import Motion
-from vsr2.results import FLOAT_COLUMNS, NO_HAND_OVER, Outcome, Status, TrialLog
+from vsr2.results import FLOAT_COLUMNS, RESULT_COLUMNS, HandOver, Outcome, Status, TrialLog
 from vsr2.scene import Pose
 from vsr2.simulation.native_drive import native_drive
 from vsr2.simulation.native_scenes import native_scene
@@ -155,16 +155,15 @@ def _lent(motion: Motion) -> dict[str, Any]:
 
 
 def _row(result: _native.TrialResult) -> dict[str, Any]:
-    row = {name: getattr(result, name) for name in (*FLOAT_COLUMNS, "message", "steps")}
-    codes = {name: getattr(result, name).name for name in ("status", "outcome", "hand_over")}
-    return row | codes | {"engine": result.engine.name if result.engine else ""}
+    row = {name: getattr(result, name) for name in RESULT_COLUMNS}
+    return row | {"engine": result.engine or ""}
 
 
 def failed_row(trial: Trial, message: str) -> dict[str, Any]:
     """The row of a trial that could not be run to an end of its own, with status `error`."""
     engine = native_scene(trial.scene).engine.name
-    facts = {"message": message, "engine": engine, "hand_over": NO_HAND_OVER}
-    codes = {"status": Status.error.name, "outcome": Outcome.failed.name, "steps": 0}
+    facts = {"message": message, "engine": engine, "hand_over": HandOver.none}
+    codes = {"status": Status.error, "outcome": Outcome.failed, "steps": 0}
     return dict.fromkeys(FLOAT_COLUMNS, np.nan) | facts | codes
 
 

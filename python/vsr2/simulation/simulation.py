@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2 import _native
+from vsr2._native import EngineKind, HandOver
 from vsr2.argument_names import checked_names
 from vsr2.config import Study, load_study
 from vsr2.config.motion_source import DriveMode
@@ -172,14 +173,14 @@ class Simulation(OneLine):
         return self._steps * self.time_step
 
     @property
-    def engine(self) -> str:
-        """Engine that the world began with: parity, exact or fast."""
-        return self._world.engine.name
+    def engine(self) -> EngineKind:
+        """Engine that the world began with: parity, exact or fast; equal to its name as text."""
+        return self._world.engine
 
     @property
-    def hand_over(self) -> str:
+    def hand_over(self) -> HandOver:
         """Why `fast` went on with `exact` since the rock was spawned; `none`: it did not."""
-        return self._world.hand_over.name
+        return self._world.hand_over
 
     @property
     def has_rock(self) -> bool:
@@ -381,8 +382,10 @@ class Simulation(OneLine):
     def contacts(self) -> list[dict[str, Any]]:
         """Contacts of the rock as the last solver step used them, one mapping each.
 
-        Keys: `p_W_rock`, `p_W_pedestal` [m], `normal_W` (from pedestal to rock), `distance`
-        (negative: penetration) [m], `normal_impulse` and `lateral_impulse` (2,) over one solver
-        step [N s], their two directions, and the pair values in force.
+        Keys, as in the contact log (`vsr2.results.CONTACT_COLUMNS`), vectors in the world as arrays
+        (3,): `rock_point`, `pedestal_point` [m], `normal` (from pedestal to rock), `distance`
+        (negative: penetration) [m], `normal_impulse`, `lateral_impulse_1`, `lateral_impulse_2`
+        over one solver step [N s], `lateral_direction_1`, `lateral_direction_2`; and the pair
+        values in force.
         """
         return list(self._world.contacts())

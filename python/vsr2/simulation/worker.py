@@ -136,7 +136,7 @@ def run_chunk(
     finished: list[tuple[int, dict[str, Any], TrialLog | None]] = []
 
     def take(k: int, _: Trial, row: dict[str, Any], log: TrialLog | None) -> None:
-        if row["status"] != Status.cancelled.name:
+        if row["status"] != Status.cancelled:
             finished.append((k, row, log))
 
     if run not in _stopped:

@@ -19,6 +19,8 @@ from vsr2.view.replay import Replay
 ROCK_COLOR = (186, 140, 99)
 PEDESTAL_COLOR = (140, 148, 158)
 CONTACT_COLOR = (220, 40, 30)
+FRAME_INTERVAL = 1.0 / 30.0
+"""Between two states of a replay that plays, in a server and in a page [s]."""
 PORTS_TRIED = 100
 """From the one that was asked for, until one is free."""
 USUAL_ARROW, LONGEST_ARROW = 0.5, 1.5

@@ -89,7 +89,7 @@ class LiveView:
         contacts = np.zeros((len(found), len(CONTACT_COLUMNS)))
         contacts[:, CONTACT_TIME] = now.time
         for one, contact in zip(contacts, found, strict=True):
-            one[ROCK_POINT] = contact["p_W_rock"]
+            one[ROCK_POINT] = contact["rock_point"]
         log = TrialLog(
             state=row[None, :],
             contacts=contacts,

@@ -8,11 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.results.atomic import write_text
-from vsr2.view.drawing import Drawing, quiet_server, stop_server
+from vsr2.view.drawing import FRAME_INTERVAL, Drawing, quiet_server, stop_server
 from vsr2.view.replay import load_replay
-
-FRAME_INTERVAL = 1.0 / 30.0
-"""Between two states of the page [s]."""
 
 
 def write_page(

@@ -13,18 +13,16 @@ from numpy.typing import NDArray
 
 from vsr2.errors import ResultError
 from vsr2.results import load_result, logged_trials
-from vsr2.view.drawing import Drawing, quiet_server, stop_server
+from vsr2.view.drawing import FRAME_INTERVAL, Drawing, quiet_server, stop_server
 from vsr2.view.replay import Replay, choose_trial, load_replay, trial_title
 
 Array = NDArray[np.float64]
 
 BLUE, ORANGE, BLACK = "#0072B2", "#E69F00", "#000000"
-CURSOR_PLACES = 100
-"""Places of the time cursor along its plot; more would be sent but not seen."""
+CURSOR_STEPS = 100
+"""Steps of the time cursor along its plot; more would be sent but not seen."""
 
 SPEEDS = {f"{speed:g} x": speed for speed in (0.1, 0.25, 0.5, 1.0, 2.0, 5.0)}
-FRAME_INTERVAL = 1.0 / 30.0
-"""Between two drawn states while it plays [s]."""
 LEAST_TILT = 0.1
 """Upper end of the tilt's axis at least: ticks of less would look equal [deg]."""
 PLOT_ROWS = 1000
@@ -246,7 +244,7 @@ def _curves(replay: Replay, now: float) -> tuple[Array, Array, Array, Array]:
 def _cursor_step(replay: Replay) -> float:
     """Time that passes before the cursor is drawn again [s]; all curves are sent with it."""
     start, end, _ = _time_range(replay)
-    return (end - start) / CURSOR_PLACES
+    return (end - start) / CURSOR_STEPS
 
 
 def _rounded(value: float, digits: int) -> str:

@@ -37,9 +37,11 @@ class ScoringRules:
     Attributes:
         least_probability: that counts in the log score: one verdict cannot cost more than 6.9.
         false_alarm: share of other campaigns that may count as unknown, for the rate at which the
-            unknown is found.
-        most_classes: that a verdict may name and be right.
-        location_gain: share of the effect over share of the trials that a location should hold.
+            unknown is found; the usual level of a test.
+        most_classes: that a verdict may name and be right: a longer list says little to whoever has
+            to measure next.
+        location_gain: share of the effect over share of the trials that a location should hold:
+            twice that of trials drawn at random, which hold the effect by their share.
     """
 
     least_probability: float = 1e-3

@@ -199,8 +199,8 @@ class SceneSimulator:
 
         def take(position: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
             index = asked[position]
-            if row["outcome"] != Outcome.failed.name:
-                overturned[index] = row["outcome"] == Outcome.overturned.name
+            if row["outcome"] != Outcome.failed:
+                overturned[index] = row["outcome"] == Outcome.overturned
                 peak[index] = row["peak_tilt"]
             if features is not None and log is not None and len(log.time):
                 tilt = log.tilt

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from vsr2._native import FastRefusal
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.diagnosis.iteration import Ended
+from vsr2.report.messages.agreement import FITTED, IDENTIFIABILITY
 from vsr2.report.messages.data import scene_note
 from vsr2.report.messages.runs import compatible_values
 from vsr2.report.messages.templates import check_worded, counted
@@ -68,7 +69,8 @@ def calibration_summary(result: CalibrationResult) -> str:
     """Optimism of a search, and the best value of each parameter: lines."""
     lines = [f"optimism: {result.optimism:+.3f}"] if result.folds else []
     lines += [
-        f"{profile.name}: {profile.best} ({profile.verdict}; {compatible_values(profile)})"
+        f"{profile.name}: {profile.best} "
+        f"({IDENTIFIABILITY[profile.verdict]}; {compatible_values(profile)})"
         for profile in result.profiles
     ]
     return "".join(f"{line}\n" for line in lines)
@@ -78,7 +80,12 @@ def baseline_table(scores: Sequence[BaselineScore]) -> str:
     """Ways of predicting outcomes: scores with their 95 % intervals."""
     header = ["prediction", "fitted", "trials", *SCORES[:4], "mean of three"]
     rows = [
-        [one.name, one.fitted, str(one.metrics.trials), *(str(one.intervals[n]) for n in SCORES)]
+        [
+            one.name,
+            FITTED[one.fitted],
+            str(one.metrics.trials),
+            *(str(one.intervals[name]) for name in SCORES),
+        ]
         for one in scores
     ]
     return table([header, *rows], str.ljust)
@@ -95,7 +102,12 @@ def prediction_table(found: Prediction) -> str:
     names = ("log_loss", "brier", "accuracy", "precision", "recall", "objective")
     header = ["prediction", "fitted", "trials", "log loss", "Brier", *names[2:5], "mean of three"]
     rows = [
-        [one.name, one.fitted, str(one.trials), *(str(one.intervals[name]) for name in names)]
+        [
+            one.name,
+            FITTED[one.fitted],
+            str(one.trials),
+            *(str(one.intervals[name]) for name in names),
+        ]
         for one in found.scores
     ]
     curve = [["probability", "trials", "predicted", "observed"]]

@@ -5,9 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from vsr2._native import HandOver
 from vsr2.report.messages.templates import check_worded, counted
-from vsr2.results import NO_HAND_OVER, STATUSES, Status
+from vsr2.results import STATUSES, HandOver, Status
 
 if TYPE_CHECKING:
     from vsr2.calibration import Profile
@@ -17,21 +16,21 @@ if TYPE_CHECKING:
 # Batches
 
 STATUS_MEANING = {
-    Status.ok.name: "finished",
-    Status.settling_timeout.name: "not at rest before the motion; no outcome",
-    Status.tail_timeout.name: "not at rest in the end; the outcome is of the last state",
-    Status.diverged.name: "the state became infinite or NaN; no outcome",
-    Status.error.name: "see the message; no outcome",
-    Status.cancelled.name: "stopped while it ran; no outcome",
-    Status.not_run.name: "not started; no outcome",
+    Status.ok: "finished",
+    Status.settling_timeout: "not at rest before the motion; no outcome",
+    Status.tail_timeout: "not at rest in the end; the outcome is of the last state",
+    Status.diverged: "the state became infinite or NaN; no outcome",
+    Status.error: "see the message; no outcome",
+    Status.cancelled: "stopped while it ran; no outcome",
+    Status.not_run: "not started; no outcome",
 }
 check_worded(STATUSES, STATUS_MEANING, __name__)
 HAND_OVERS = {
-    HandOver.motor_on_a_slope.name: "a motor on a slope",
-    HandOver.off_the_top.name: "off the top",
-    HandOver.too_deep.name: "too deep",
+    HandOver.motor_on_a_slope: "a motor on a slope",
+    HandOver.off_the_top: "off the top",
+    HandOver.too_deep: "too deep",
 }
-check_worded([name for name in HandOver.__members__ if name != NO_HAND_OVER], HAND_OVERS, __name__)
+check_worded([one for one in HandOver if one != HandOver.none], HAND_OVERS, __name__)
 
 
 def trial_end(row: Mapping[str, Any]) -> str:
@@ -83,7 +82,7 @@ def time_spent(simulated: float, steps: int, wall: object, threads: object) -> s
 
 def engine_in_use(engine: str, hand_over: str) -> str:
     """The engine that ran a trial, and why another went on with it."""
-    if hand_over == NO_HAND_OVER:
+    if hand_over == HandOver.none:
         return engine
     return f"{engine}, then exact ({HAND_OVERS[hand_over]})"
 
@@ -96,7 +95,7 @@ def trial_name(index: int, name: str) -> str:
 def trial_result(index: int, name: str, outcome: str, status: str) -> str:
     """A trial, its outcome, and its status where that is not ok."""
     said = f"{trial_name(index, name)}: {outcome}"
-    return said if status == Status.ok.name else f"{said}, {status}"
+    return said if status == Status.ok else f"{said}, {status}"
 
 
 def diagram_caption(trials: int) -> str:
