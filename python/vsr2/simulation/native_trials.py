@@ -111,8 +111,7 @@ def run_native(
     following = next(waiting, None)
     try:
         while not native.exhausted():
-            # Trials are made, and taken, many at a time: one by one Python's code would be fetched
-            # into the processor's cache again for each.
+            # Trials are made, and taken, many at a time: this thread wakes less often.
             share = QUEUE.refill
             while following is not None:
                 # A scaled motion's samples are made for its trial.
