@@ -19,7 +19,13 @@ import pytest
 from vsr2.config.study import Output, Study
 from vsr2.errors import ResultError
 from vsr2.motion import Motion
-from vsr2.results import JOURNAL_FILE, BatchResult, load_trial_log, prepare_folder
+from vsr2.results import (
+    JOURNAL_FILE,
+    BatchResult,
+    load_trial_log,
+    prepare_folder,
+    remove_temporaries,
+)
 from vsr2.simulation import run_batch, study_trials
 from vsr2.trial import Trial
 
@@ -318,3 +324,13 @@ def test_a_disk_that_fills_up_leaves_complete_files_only(tmp_path: Path) -> None
         assert len(load_trial_log(copy, i).state) > 10
     files = (copy / "files").read_text().splitlines()
     assert not [name for name in files if name.endswith(("trials.csv", "provenance.json", ".tmp"))]
+
+
+@pytest.mark.parametrize("inner", ["", "logs", "npy", "models", "figures"])
+def test_what_a_killed_writer_left_is_removed(inner: str, tmp_path: Path) -> None:
+    folder = tmp_path / inner
+    folder.mkdir(exist_ok=True)
+    for name in (f".rock.npz.{'0' * 12}.tmp", ".mine.tmp"):
+        (folder / name).touch()
+    remove_temporaries(tmp_path)
+    assert [one.name for one in folder.iterdir()] == [".mine.tmp"]

@@ -172,7 +172,7 @@ def remove_temporaries(folder: str | os.PathLike[str]) -> None:
         ResultError: a file cannot be removed.
     """
     path = Path(folder)
-    for parent in (path, path / LOG_FOLDER, path / NPY_FOLDER):
+    for parent in (path, *(path / name for name in (*_FOLDERS, FIGURE_FOLDER))):
         _remove([file for file in parent.glob(".*.tmp") if _TEMPORARY.fullmatch(file.name)])
 
 
