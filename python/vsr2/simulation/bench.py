@@ -201,9 +201,7 @@ class EffectBench(Bench):
             tilt=tilts,
             pedestal=np.zeros(len(rows)),
             pitch=np.array(pitch),
-            observation=Observation(
-                Outcome.rocked, float(tilts.max()), float(tilts[-1]), 0.0, 0.0
-            ),
+            observation=Observation(Outcome.rocked, float(tilts.max()), float(tilts[-1]), 0.0, 0.0),
         )
 
 
