@@ -60,7 +60,7 @@ def test_the_planted_azimuth_is_found_and_the_dead_knob_is_reported(planted):
     assert abs(study.rock.start.yaw - KNOWN_YAW) < 8
     verdicts = {row["parameter"]: row["verdict"] for row in rows(complete / "profiles.csv")}
     # Impacts of this block are too slow for restitution to bounce.
-    assert verdicts == {"yaw": "identified", "restitution": "not identified"}
+    assert verdicts == {"yaw": "identified", "restitution": "not_identified"}
     scores = {(r["prediction"], r["fitted"]): r for r in rows(complete / "scores.csv")}
     inside = float(scores["simulator", "in_sample"]["objective"])
     outside = float(scores["simulator", "out_of_fold"]["objective"])

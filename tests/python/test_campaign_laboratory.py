@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from campaign_samples import assert_equal
-from vsr2.analysis.baseline import baseline_scores, peer_columns
+from vsr2.analysis.baseline import Fitted, baseline_scores, peer_columns
 from vsr2.campaign import check_campaign, import_lab, intensity_measures, load_campaign
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import STANDARD_GRAVITY
@@ -179,7 +179,7 @@ def test_the_baselines_to_beat(tmp_path):
     # A peer's figures are counts: those of the table itself.
     with (FOLDER / "trials.csv").open(newline="") as file:
         rows = list(csv.DictReader(file))
-    peer = scores["x_dem_s1_kn10_ks1", ""]
+    peer = scores["x_dem_s1_kn10_ks1", Fitted.GIVEN]
     agree = sum(row["sp1_overturned"] == row["dem_s1_kn10_ks1"] for row in rows)
     assert peer.accuracy == agree / len(rows)
     assert peer.objective == pytest.approx(0.855, abs=0.03)

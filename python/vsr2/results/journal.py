@@ -32,7 +32,7 @@ _WORDS = {
     "status": STATUSES,
     "outcome": OUTCOMES,
     "engine": ("", *ENGINES),
-    "hand_over": ("", *HandOver.__members__),
+    "hand_over": tuple(HandOver.__members__),
 }
 """What columns of text may hold."""
 _JUDGED = ("ok", "tail_timeout")

@@ -34,6 +34,7 @@ from vsr2.results import (
     TEXT_COLUMNS,
     TRIAL_COLUMNS,
     BatchResult,
+    HandOver,
     Journal,
     Outcome,
     Status,
@@ -320,6 +321,7 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
         else:
             columns[name] = np.full(count, np.nan)
     columns["status"][:] = Status.not_run
+    columns["hand_over"][:] = HandOver.none
     columns["outcome"][:] = Outcome.failed
     for i, trial in enumerate(trials):
         columns["trial"][i] = i
