@@ -3,14 +3,15 @@
     vsr2 campaign import-lab SOURCE --out out/lab
     python studies/lab_causes.py [--replicates N] [--threads N]
 
-Four causes may act: how the specimen stood (turn and lean), its dissipation (rolling resistance and
-damping of rocking), which record drives, and how strong the motion was. Each set of them is a
-family of scenes: what does not act keeps the nominal scene's value, what acts is drawn from the
-priors of lab_margins.py. Every family predicts each motion by what the outcomes of other motions
-say of it (weights of replicates, scatter and, where the strength acts, bias). A cause's share is
-the loss that it takes off, the mean over all orders in which causes can be added (L. S. Shapley, "A
-value for n-person games", 1953). Intervals are of a bootstrap over motions. A run that was
-interrupted is continued. Writes OUT/causes.csv.
+Five causes may act: how the specimen stood (turn and lean), its dissipation (rolling resistance and
+damping of rocking), its foot (how far in the edges of its base lie, how stiff it is), which record
+drives, and how strong the motion was. Each set of them is a family of scenes: what does not act
+keeps the nominal scene's value, what acts is drawn from the priors of lab_margins.py. Every family
+predicts each motion by what the outcomes of other motions say of it (weights of replicates, scatter
+and, where the strength acts, bias). A cause's share is the loss that it takes off, the mean over
+all orders in which causes can be added (L. S. Shapley, "A value for n-person games", 1953). Which
+causes act is also chosen inside each fold, by the loss on its other motions. Intervals are of a
+bootstrap over motions. A run that was interrupted is continued. Writes OUT/causes.csv.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from lab_margins import CHANNELS, WIDE, margins_of
-from vsr2.analysis import logistic_baseline
-from vsr2.analysis.overturning_margin import out_of_fold_probability
-from vsr2.analysis.probability import outcome_loss, overturning_probability
+from lab_margins import CHANNELS, DRAWN, margins_of
+from vsr2.analysis import classification_metrics, logistic_baseline
+from vsr2.analysis.overturning_margin import MARGIN, fit_margin_model, out_of_fold_probability
+from vsr2.analysis.probability import RELIABILITY, outcome_loss, overturning_probability
 from vsr2.campaign import Campaign, load_campaign, motion_resamples
+from vsr2.campaign.folds import grouped_folds
 from vsr2.diagnosis import Execution, predict
 from vsr2.diagnosis.prediction import PREDICTION
 from vsr2.report.messages.progress_lines import ProgressLines
@@ -36,8 +38,6 @@ from vsr2.results.atomic import csv_text, write_text
 Array = NDArray[np.float64]
 HERE = Path(__file__).resolve().parent
 OUT = HERE.parent / "out"
-DRAWN = {"stance": ("registration",), "dissipation": ("rolling_resistance", "rocking_damping")}
-"""Effects of the causes that are drawn."""
 CAUSES = (*DRAWN, "record", "strength")
 Causes = frozenset[str]
 RESAMPLES = 2000
@@ -51,14 +51,13 @@ def families(options: argparse.Namespace) -> tuple[Campaign, dict[Causes, Array]
     out: dict[Causes, Array] = {}
     for size in range(len(DRAWN) + 1):
         for acting in combinations(DRAWN, size):
-            effects = {name for cause in acting for name in DRAWN[cause]}
             complete = size == len(DRAWN)
             found = margins_of(
                 options.campaign, options.scene,
                 options.margins if complete else options.out / "-".join(("nominal", *acting)),
                 replicates=options.margins_replicates if complete else options.replicates,
                 threads=options.threads,
-                priors=tuple(row for row in WIDE if row[0] in effects),
+                priors=tuple(row for cause in acting for row in DRAWN[cause]),
             )[0]  # fmt: skip
             assert found.margins is not None
             out[frozenset(acting)] = found.margins[: options.replicates]
@@ -70,17 +69,50 @@ def families(options: argparse.Namespace) -> tuple[Campaign, dict[Causes, Array]
 def losses(campaign: Campaign, margins: dict[Causes, Array]) -> dict[Causes, Array]:
     """Loss of each trial, by which causes act, each motion predicted by the others."""
     out = {}
-    for size in range(len(CAUSES) + 1):
-        for acting in map(frozenset, combinations(CAUSES, size)):
-            family = margins[acting & frozenset(DRAWN)]
-            if "record" not in acting:
-                family = family[:: len(CHANNELS)]
+    for acting in every_set():
+        p = out_of_fold_probability(
+            family_of(acting, margins), campaign.overturned, campaign.motion_ids,
+            PREDICTION.folds, biased="strength" in acting,
+        )  # fmt: skip
+        out[acting] = outcome_loss(p, campaign.overturned)
+    return out
+
+
+def family_of(acting: Causes, margins: dict[Causes, Array]) -> Array:
+    """Margins of the replicates in which some causes act; records take turns where theirs does."""
+    family = margins[acting & frozenset(DRAWN)]
+    return family if "record" in acting else family[:: len(CHANNELS)]
+
+
+def chosen_inside(campaign: Campaign, margins: dict[Causes, Array]) -> Array:
+    """Probability of each trial by the causes that predict the motions of the other folds best."""
+    ends, motions = campaign.overturned, np.asarray(campaign.motion_ids)
+    fold = grouped_folds(motions, ends, PREDICTION.folds)
+    out = np.zeros(ends.size)
+    for k in np.unique(fold):
+        other = fold != k
+
+        def loss(acting: Causes, other: NDArray[np.bool_] = other) -> float:
             p = out_of_fold_probability(
-                family, campaign.overturned, campaign.motion_ids, PREDICTION.folds,
+                family_of(acting, margins)[:, other], ends[other], motions[other], MARGIN.folds,
                 biased="strength" in acting,
             )  # fmt: skip
-            out[acting] = outcome_loss(p, campaign.overturned)
+            return float(outcome_loss(p, ends[other]).mean())
+
+        best = min(every_set(), key=loss)
+        print(f"fold {k}: {', '.join(sorted(best)) or 'none'}", flush=True)
+        family = family_of(best, margins)
+        model = fit_margin_model(
+            family[:, other], ends[other], motions[other], biased="strength" in best
+        )
+        out[~other] = model.probability(family[:, ~other])
     return out
+
+
+def every_set() -> list[Causes]:
+    """All sets of causes."""
+    sizes = range(len(CAUSES) + 1)
+    return [frozenset(acting) for size in sizes for acting in combinations(CAUSES, size)]
 
 
 def share(by_causes: dict[Causes, Array], cause: str) -> Array:
@@ -126,6 +158,10 @@ def main() -> None:
     curve = logistic_baseline(load_campaign(options.campaign).with_motion(), folds=PREDICTION.folds)
     assert curve.used.all()
     best = out_of_fold_probability(complete, seen.overturned, seen.motion_ids, PREDICTION.folds)
+    inside = chosen_inside(seen, margins)
+    scores = classification_metrics(seen.overturned > 0, inside > RELIABILITY.threshold)
+    three = np.mean([scores.accuracy, scores.precision, scores.recall])
+    print(f"chosen inside the folds: mean of accuracy, precision and recall {three:.3f}")
     none, everything = by_causes[frozenset()], by_causes[frozenset(CAUSES)]
     columns = {
         "as simulated": simulated,
@@ -137,6 +173,7 @@ def main() -> None:
         },
         "all causes": everything,
         "all causes, every replicate": outcome_loss(best, seen.overturned),
+        "causes chosen inside the folds": outcome_loss(inside, seen.overturned),
         "logistic curve": outcome_loss(curve.out_of_fold, seen.overturned),
         "floor": floor,
     }
@@ -145,10 +182,13 @@ def main() -> None:
     drawn = (counts @ values.T) / counts.sum(axis=1)[:, None]
     means = dict(zip(columns, np.vstack([values.mean(axis=1), drawn]).T, strict=True))
     gap = means["as simulated"] - means["floor"]
-    judged = ("rescaled", "all causes", "all causes, every replicate", "logistic curve")
+    judged = (
+        "rescaled", "all causes", "causes chosen inside the folds", "all causes, every replicate",
+        "logistic curve",
+    )  # fmt: skip
     for name in judged:
         means[f"closure, {name}"] = (means["as simulated"] - means[name]) / gap
-    ours, curve_alone = (means[f"closure, {name}"] for name in judged[2:])
+    ours, curve_alone = (means[f"closure, {name}"] for name in judged[-2:])
     means["closure beyond the logistic curve"] = ours - curve_alone
     rows = []
     for name, found in means.items():

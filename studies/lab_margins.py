@@ -1,13 +1,14 @@
 """The laboratory's campaign on specimen SP1, predicted by margins of scenes drawn from wide priors.
 
     vsr2 campaign import-lab SOURCE --out out/lab
-    python studies/lab_margins.py [--replicates N] [--threads N]
+    python studies/lab_margins.py [--replicates N] [--threads N] [--causes NAME ...]
 
-Nothing is chosen by hand from the outcomes: how the specimen stands (over the full circle), its
-lean, rolling resistance, damping of rocking, friction and the record that drives are drawn from
-priors, one draw a replicate. Replicates are weighted, and bias and scatter fitted, by the outcomes
-of the motions of other folds. A run that was interrupted is continued. Writes to OUT what `vsr2
-campaign predict --out` writes; draws.csv has what each replicate drew and its weight.
+No value is chosen by hand from the outcomes: how the specimen stands (over the full circle), its
+lean, rolling resistance, damping of rocking, size and stiffness of its foot, friction and the
+record that drives are drawn from priors, one draw a replicate. Replicates are weighted, and bias
+and scatter fitted, by the outcomes of the motions of other folds. A run that was interrupted is
+continued. Writes to OUT what `vsr2 campaign predict --out` writes; draws.csv has what each
+replicate drew and its weight. What is not among the causes keeps the nominal scene's value.
 """
 
 from __future__ import annotations
@@ -17,7 +18,8 @@ from pathlib import Path
 
 import numpy as np
 
-from vsr2.analysis.overturning_margin import fit_margin_model
+from vsr2.analysis.overturning_margin import fit_margin_model, out_of_fold_probability
+from vsr2.analysis.probability import outcome_loss
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis import (
@@ -28,6 +30,7 @@ from vsr2.diagnosis import (
     predict,
     with_deviations,
 )
+from vsr2.diagnosis.prediction import PREDICTION
 from vsr2.diagnosis.simulated.nuisances import Uniform
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.effects import effect
@@ -36,14 +39,21 @@ from vsr2.report.messages.progress_lines import ProgressLines
 from vsr2.results.atomic import csv_text, write_text
 
 HERE = Path(__file__).resolve().parent
-WIDE = (
+STANCE = (
     ("registration", "yaw", -180.0, 180.0),
     ("registration", "lean", 0.0, 3.0),
     ("registration", "lean_azimuth", 0.0, 360.0),
+)
+DISSIPATION = (
     ("rolling_resistance", "arm", 0.0, 0.005),
     ("rocking_damping", "ratio", 0.0, 0.03),
 )
-"""Effect, parameter and ends of the uniform prior, as the library has them."""
+FOOT = (
+    ("support", "shrink", -0.010, 0.010),
+    ("contact_stiffness", "decades", -3.0, 1.0),
+)
+DRAWN = {"stance": STANCE, "dissipation": DISSIPATION, "foot": FOOT}
+"""Causes, with effect, parameter and ends of the uniform prior, as the library has them."""
 FRICTION = 0.3
 """Standard deviation of the logarithm of friction."""
 CHANNELS = ("displacement", "acceleration")
@@ -56,7 +66,7 @@ def margins_of(
     *,
     replicates: int,
     threads: int,
-    priors: tuple[tuple[str, str, float, float], ...] = WIDE,
+    priors: tuple[tuple[str, str, float, float], ...],
 ) -> tuple[Prediction, SceneSimulator, tuple[Nuisance, ...]]:
     """Margins of a specimen's trials under the wide priors; records take turns.
 
@@ -99,10 +109,12 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "lab_margins")
     parser.add_argument("--replicates", type=int, default=24)
     parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--causes", nargs="+", choices=DRAWN, default=list(DRAWN))
     options = parser.parse_args()
     found, simulator, wide = margins_of(
         options.campaign, options.scene, options.out,
         replicates=options.replicates, threads=options.threads,
+        priors=tuple(row for cause in DRAWN if cause in options.causes for row in DRAWN[cause]),
     )  # fmt: skip
     print(prediction_table(found))
     assert found.margins is not None
@@ -118,6 +130,12 @@ def main() -> None:
         )  # fmt: skip
     write_text(options.out / "draws.csv", csv_text(rows, ".4g"))
     print(f"bias {model.bias:+.3f}, scatter {model.scatter:.3f}")
+    unbiased = out_of_fold_probability(
+        found.margins, found.campaign.overturned, found.campaign.motion_ids, PREDICTION.folds,
+        biased=False,
+    )  # fmt: skip
+    loss = outcome_loss(unbiased, found.campaign.overturned).mean()
+    print(f"log loss out of fold where motions are as recorded: {loss:.3f}")
     print(f"effective draws {1 / float((np.asarray(model.weights) ** 2).sum()):.1f}")
 
 

@@ -22,12 +22,14 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from lab_margins import CHANNELS, margins_of
+from lab_margins import CHANNELS, DISSIPATION, STANCE, margins_of
 from vsr2.analysis.overturning_margin import fit_margin_model, out_of_fold_probability
 from vsr2.analysis.probability import PROBABILITY_SCORES, probability_intervals
 from vsr2.diagnosis.prediction import PREDICTION, Prediction
 from vsr2.results.atomic import csv_text, write_text
 
+PRIORS = (*STANCE, *DISSIPATION)
+"""Those of the rule when its predictions were written down."""
 HERE = Path(__file__).resolve().parent
 OUT = HERE.parent / "out"
 
@@ -44,12 +46,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--first", type=Path, default=OUT / "lab")
     parser.add_argument("--second", type=Path, default=OUT / "lab_sp2")
-    parser.add_argument("--first-simulations", type=Path, default=OUT / "lab_margins")
+    parser.add_argument("--first-simulations", type=Path, default=OUT / "lab_first_specimen")
     parser.add_argument("--out", type=Path, default=OUT / "lab_second_specimen")
     parser.add_argument("--replicates", type=int, default=24)
     parser.add_argument("--threads", type=int, default=1)
     options = parser.parse_args()
-    drawn = {"replicates": options.replicates, "threads": options.threads}
+    drawn = {"replicates": options.replicates, "threads": options.threads, "priors": PRIORS}
     first = margins_of(
         options.first, HERE / "lab_diagnosis.yaml", options.first_simulations, **drawn
     )[0]
