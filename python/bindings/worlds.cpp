@@ -97,7 +97,7 @@ void bind_worlds(py::module_& m) {
       .def(py::init([](std::shared_ptr<Scene> scene, Drive drive) {
              return std::make_unique<RecordedWorld>(std::move(scene), drive);
            }),
-           py::kw_only(), py::arg("scene"), py::arg("drive"))
+           py::kw_only(), py::arg("scene").none(false), py::arg("drive"))
       .def("spawn_rock",
            [](RecordedWorld& world, const Taken<Eigen::Vector3d>& position,
               const Taken<Vector4>& orientation) {

@@ -390,3 +390,8 @@ def test_study_and_core_take_the_same_contact_values(one: _native.ContactParamet
         contact = scene.contact.model_copy(update={"rock": rock})
         with pytest.raises(SimulationError, match=f"rock.*{one.name} must be"):
             native_scene(replace(scene, contact=contact))
+
+
+def test_a_world_needs_a_scene() -> None:
+    with pytest.raises(TypeError, match="incompatible"):
+        _native.World(scene=None, drive=_native.Drive.prescribed)

@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.analysis import baseline_scores, classification_intervals
 from vsr2.analysis.baseline import LOGISTIC, BaselineScore, Fitted
+from vsr2.analysis.probability import RELIABILITY
 from vsr2.calibration.calibration_study import (
     CALIBRATION,
     CalibrationSettings,
@@ -284,6 +285,7 @@ def calibrate(
                 **run_constants(),
                 "calibration": asdict(CALIBRATION),
                 "baselines": asdict(LOGISTIC),
+                "reliability": asdict(RELIABILITY),
             },
             "campaign": {"name": campaign.name, "trials": len(campaign), "sha256": digest},
             "seed": seed,

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis import logistic_baseline
-from vsr2.analysis.baseline import Fitted
+from vsr2.analysis.baseline import LOGISTIC, Fitted
 from vsr2.analysis.bootstrap import Interval
 from vsr2.analysis.overturning_margin import MARGIN, MarginModel, out_of_fold_probability
 from vsr2.analysis.probability import (
@@ -37,10 +37,10 @@ from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS, Hypotheses
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Request
+from vsr2.diagnosis.simulated.simulator import SIMULATION, Request
 from vsr2.effects import check_study_effects, effect
 from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
 from vsr2.results import base_provenance
@@ -293,18 +293,26 @@ def predict(
             "simulators": runs.identities,
             "replicates": count,
             "nuisances": [one.to_json() for one in (*plain.nuisances, *plain.contact_family)],
-            "constants": {
-                "prediction": asdict(PREDICTION),
-                "reliability": asdict(RELIABILITY),
-                "margin": asdict(MARGIN),
-                **run_constants(),
-            },
+            "constants": _constants(),
             "seed": seed,
         },
     )  # fmt: skip
     if folder is not None:
         found.save(folder)
     return found
+
+
+def _constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers that a prediction rests on, by what they are of."""
+    return {
+        "prediction": asdict(PREDICTION),
+        "reliability": asdict(RELIABILITY),
+        "margin": asdict(MARGIN),
+        "logistic": asdict(LOGISTIC),
+        "simulation": asdict(SIMULATION),
+        "hypotheses": asdict(HYPOTHESIS),
+        **run_constants(),
+    }
 
 
 def _scenes(given: Scene | Sequence[Scene]) -> list[Study]:

@@ -80,7 +80,7 @@ def time_spent(simulated: float, steps: int, wall: object, threads: object) -> s
     return ", ".join(parts)
 
 
-def engine_in_use(engine: str, hand_over: str) -> str:
+def engine_in_use(engine: str, hand_over: HandOver) -> str:
     """The engine that ran a trial, and why another went on with it."""
     if hand_over == HandOver.none:
         return engine
