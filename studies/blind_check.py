@@ -138,7 +138,11 @@ def main() -> int:
     folders = [options.out / options.check / f"part{i}" for i in numbers]
     default = ROOT / "docs" / "results" / f"blind_{options.check.replace('-', '_')}"
     if options.recompute:
-        recompute(options.results or default, options.recompute)
+        try:
+            recompute(options.results or default, options.recompute)
+        except BlindError as error:
+            print(error, file=sys.stderr)
+            return 2
         return 0
     if options.score:
         return score(options.check, folders, options.out, options.results or default, options.tier)

@@ -396,6 +396,11 @@ def test_a_posterior_comes_back_from_its_file_bit_by_bit(trained, tmp_path) -> N
     np.testing.assert_array_equal(again.alike, trained.posterior.alike)
     # Of another library it is not used.
     assert load_posterior(path, {k: library[k] for k in NAMES[:3]}) is None
+    trials, features = trained.posterior.standard.centre.shape
+    assert load_posterior(path, library, (trials, features)) is not None
+    assert load_posterior(path, library, (trials + 1, features)) is None
+    with pytest.raises(ResultError, match=r"posterior\.npz: damaged .*standard_centre"):
+        load_posterior(path, library, (trials, features + 1))
     path.write_bytes(path.read_bytes()[:-2000])
     with pytest.raises(ResultError, match=r"posterior\.npz: damaged .*the posterior is trained"):
         load_posterior(path, library)

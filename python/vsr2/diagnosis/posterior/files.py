@@ -74,7 +74,7 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
 def load_posterior(
     path: Path, library: Library, campaign: tuple[int, int] | None = None
 ) -> Posterior | None:
-    """Read a posterior; None: there is none.
+    """Read a posterior; None: there is none of these effects and so many trials.
 
     Args:
         path: of the file.
@@ -82,7 +82,7 @@ def load_posterior(
         campaign: numbers of trials and of features that it is asked about; None: any.
 
     Raises:
-        ResultError: it is damaged, or of another campaign; names array, value and remedy.
+        ResultError: it is damaged, or has other features; names array, value and remedy.
     """
     if not path.exists():
         return None
@@ -91,7 +91,10 @@ def load_posterior(
             about = json.loads(str(file["about"]))
             if about["format"] != FORMAT or tuple(about["names"]) != tuple(library):
                 return None
-            return _checked(file, about, library, campaign)
+            trials = _count(about, "trials")
+            if campaign is not None and trials != campaign[0]:
+                return None  # Of a look with another budget, in which other trials respond.
+            return _checked(file, about, library, None if campaign is None else campaign[1])
     except Exception as error:  # a damaged archive raises what zipfile and numpy happen to raise
         reason = ascii(str(error))[1:-1][:200]
         raise ResultError(
@@ -103,21 +106,17 @@ def _checked(
     file: Mapping[str, Any],
     about: Mapping[str, Any],
     library: Library,
-    campaign: tuple[int, int] | None,
+    features: int | None,
 ) -> Posterior:
-    """The posterior in a file.
+    """The posterior in a file; `features`: their number, None: any.
 
     Raises:
         ValueError: names array or key, value and what is wanted.
     """
     sets = Sets(tuple(library), _count(about, "most"))
     known = {"trials": _count(about, "trials"), "effects": len(library)}
-    if campaign is not None:
-        known["features"] = campaign[1]
-        if campaign[0] != known["trials"]:
-            raise ValueError(
-                f"key trials is {known['trials']}, and the campaign has {campaign[0]} that respond"
-            )
+    if features is not None:
+        known["features"] = features
     # A campaign of outcomes alone has no features.
     arrays = FileArrays(file, known, may_be_zero=("features",))
     standard = Standard(
