@@ -21,6 +21,7 @@ from vsr2.results.result import (
     ENGINES,
     FLOAT_COLUMNS,
     INTEGER_COLUMNS,
+    JUDGED,
     OUTCOMES,
     RESULT_COLUMNS,
     STATUSES,
@@ -35,8 +36,6 @@ _WORDS = {
     "hand_over": tuple(HandOver.__members__),
 }
 """What columns of text may hold."""
-_JUDGED = ("ok", "tail_timeout")
-"""States of trials that have an outcome, and all numbers of it."""
 _COLUMNS = hashlib.sha256(json.dumps(COLUMNS).encode()).hexdigest()[:8]
 _KIND = StoreKind(
     format="vsr2 journal",
@@ -109,7 +108,7 @@ def _check_row(row: dict[str, Any]) -> None:
         ValueError: a value of another type or size, or an unknown word.
         KeyError: a column is missing.
     """
-    judged = row["status"] in _JUDGED
+    judged = row["status"] in JUDGED
     for name in RESULT_COLUMNS:
         value = row[name]
         if name in FLOAT_COLUMNS:
