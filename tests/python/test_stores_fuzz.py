@@ -99,7 +99,7 @@ ARRAYS = {
 KEYS = {
     "networks": (0, "key networks is 0, wanted is a whole number"),
     "layers": (2, "array weight 0 0 has the shape|array weight 0 1 is missing"),
-    "trials": (3, "key trials is 3, and the campaign has 2"),
+    "trials": (0, "key trials is 0, wanted is a whole number"),
     "campaigns": (True, "key campaigns is True"),
     "most": ("two", "key most is 'two'"),
     "levels": ({"temperature": 1.0}, r"key levels has \['temperature'\]"),
