@@ -153,7 +153,8 @@ class FastWorld final : public World {
     const FastModel& model = stepper_.model();
     const Eigen::Matrix3d R_TB = last_turn_.transpose() * stepper_.state.q_WB.toRotationMatrix();
     Foothold foothold{.R_WT = last_turn_,
-                      .friction = FrictionBounds::of(model.pair, std::min(1.0, scene_->mechanisms().friction_ratio))
+                      .friction = FrictionBounds::of(model.pair,
+                                                     std::min(1.0, scene_->mechanisms().friction_ratio))
                                       .lateral(1.0),
                       .stiffness = model.pair["stiffness"],
                       .damping = model.pair["damping"],

@@ -202,9 +202,9 @@ def judged(
 ) -> tuple[list[str], float, float]:
     """What is wrong with a trial, and its gain and depth over their bounds."""
     row = {name: result[name][place] for name in ("status", "outcome", "hand_over")}
-    told = f"scene {number} in {engine} ({', '.join(map(str, row.values()))})"
+    which = f"scene {number} in {engine} ({', '.join(map(str, row.values()))})"
     if row["status"] in ("diverged", "error"):
-        return [f"{told}: {result['message'][place]}"], 0.0, 0.0
+        return [f"{which}: {result['message'][place]}"], 0.0, 0.0
     log = result.logs[place]
     if log is None:
         return [], 0.0, 0.0
@@ -215,20 +215,20 @@ def judged(
         if name != "overturning_time" and not np.isfinite(result[name][place])
     ]
     if lacking or not np.isfinite(log.state).all():
-        found.append(f"{told}: not finite: {lacking or 'its log'}")
+        found.append(f"{which}: not finite: {lacking or 'its log'}")
     rise, most_rise = gain(scene, trial, log)
     lively = SceneNote.LIVELY_CONTACT in {note.code for note in scene.rock.notes}
     if rise > most_rise and not lively:
-        found.append(f"{told}: gains {rise:.3g} m of height, bound {most_rise:.3g} m")
+        found.append(f"{which}: gains {rise:.3g} m of height, bound {most_rise:.3g} m")
     over = 0.0 if lively else rise / most_rise
     if row["status"] != "ok" or not rests(trial, log):
         return found, over, 0.0
     deep, most_deep = sinking(scene, log)
     if deep > most_deep:
-        found.append(f"{told}: rests {deep:.3g} m deep, bound {most_deep:.3g} m")
+        found.append(f"{which}: rests {deep:.3g} m deep, bound {most_deep:.3g} m")
     soft = SceneNote.SOFT_CONTACT in {note.code for note in scene.rock.notes}
     if deep > CONTACT_POINTS * NOTES.deep_start and not soft:
-        found.append(f"{told}: rests {deep:.3g} m deep, and no note says so")
+        found.append(f"{which}: rests {deep:.3g} m deep, and no note says so")
     return found, over, deep / most_deep
 
 

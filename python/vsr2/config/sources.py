@@ -47,7 +47,7 @@ QUIET = Source(
 )
 GRAVITY = Source("standard gravity 9.80665, rounded as in the original system")
 TIME_STEP = Source(
-    "supplement S1.2; thresholds of overturning are within 2 % of those at 0.25 ms "
+    "supplement S1.2; a motion that overturns is 1 to 2 % stronger than at 0.25 ms "
     "([measured](../validation/engines.md#what-a-time-step-costs))"
 )
 EVERY_SWEEP = Source("every sweep is made, so that no result hangs on a tolerance")
