@@ -29,6 +29,7 @@ from numpy.typing import NDArray
 
 from engine_equivalence import part, record, replicates, write_table
 from quiet_stretches import options_of, scene, settled
+from vsr2.analysis.overturning_margin import seek_margins
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.scene import Pose, Scene
 from vsr2.simulation import run_batch
@@ -102,14 +103,15 @@ def margins(
     """
     stepped = at_step(given, step)
     shape = (options.records, options.replicates)
-    low, high = (np.full(shape, end) for end in ENDS)
     cpu = 0.0
-    for _ in range(HALVINGS):
-        middle = 0.5 * (low + high)
-        fell, _, spent = responses(stepped, base, np.exp(middle), step, options.threads)
-        low, high = np.where(fell, low, middle), np.where(fell, middle, high)
+
+    def overturns(logs: Array) -> Array:
+        nonlocal cpu
+        fell, _, spent = responses(stepped, base, np.exp(logs), step, options.threads)
         cpu += spent
-    found = 0.5 * (low + high)
+        return fell.astype(float)
+
+    found = seek_margins(overturns, shape, ENDS, HALVINGS)
     calmer = np.exp((found if calm is None else calm) + CALM)
     fell, tilt, _ = responses(stepped, base, calmer, step, options.threads)
     tilt = np.where(fell, 0.0, tilt)

@@ -12,6 +12,7 @@ from vsr2.analysis.overturning_margin import (
     _fitted,
     fit_margin_model,
     out_of_fold_probability,
+    seek_margins,
 )
 
 
@@ -123,3 +124,21 @@ def test_without_a_bias_the_scatter_takes_what_a_bias_explains() -> None:
     assert free.bias == pytest.approx(0.4, abs=0.1)
     assert held.bias == 0.0
     assert held.scatter > 1.5 * free.scatter
+
+
+def test_margins_are_sought_to_half_of_what_is_left_of_the_range():
+    true = np.array([[-0.93, 0.0], [0.31, 2.0]])
+
+    def overturns(logs):
+        return (logs > true).astype(float)
+
+    found = seek_margins(overturns, true.shape, (-1.0, 1.0), 7)
+    half = 2.0 / 2**7 / 2
+    assert np.all(np.abs(found - np.minimum(true, 1.0)) <= half)
+    assert found[1, 1] == 1.0 - half  # beyond the range: next to its end
+
+
+def test_a_failed_simulation_has_no_margin():
+    calls = iter([1.0, np.nan, 1.0])
+    found = seek_margins(lambda logs: np.array([next(calls)]), (1,), (-1.0, 1.0), 3)
+    assert np.isnan(found).all()

@@ -9,9 +9,9 @@ from pathlib import Path
 import pytest
 
 from vsr2 import Study
+from vsr2.analysis import TimeStepError, compare_time_steps, longest_time_step
 from vsr2.cli.main import main
 from vsr2.errors import SimulationError
-from vsr2.simulation import TimeStepError, compare_time_steps, longest_time_step
 
 BLOCK = {
     "name": "block",

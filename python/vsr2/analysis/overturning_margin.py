@@ -10,6 +10,7 @@ analysis", Earthquake Spectra 31, 2015).
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -85,6 +86,34 @@ class MarginModel:
 
         normal = np.nan_to_num(ndtr((self.bias - self.mean(margins)) / self.scatter), nan=0.5)
         return np.asarray((1 - MARGIN.lapse) * normal + 0.5 * MARGIN.lapse)
+
+
+def seek_margins(
+    overturns: Callable[[Array], Array],
+    shape: tuple[int, ...],
+    ends: tuple[float, float],
+    halvings: int,
+) -> Array:
+    """Margins by halving a range; each is good to half of what is left of it.
+
+    Args:
+        overturns: called with logarithms of factors on motions, gives 1, 0, or NaN where a
+            simulation failed, both of the shape asked for.
+        shape: of the margins.
+        ends: of the range.
+        halvings: calls.
+
+    Returns:
+        Margins, NaN where a simulation failed. One beyond the range lies next to its end.
+    """
+    low, high = (np.full(shape, end) for end in ends)
+    failed = np.zeros(shape, dtype=bool)
+    for _ in range(halvings):
+        middle = 0.5 * (low + high)
+        fell = overturns(middle)
+        failed |= np.isnan(fell)
+        low, high = np.where(fell > 0.5, low, middle), np.where(fell > 0.5, middle, high)
+    return np.where(failed, np.nan, 0.5 * (low + high))
 
 
 def fit_margin_model(

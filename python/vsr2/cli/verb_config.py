@@ -124,11 +124,11 @@ def time_step(
     """
     from dataclasses import asdict
 
+    from vsr2.analysis import compare_time_steps, longest_time_step
     from vsr2.diagnosis.pipeline import Progress, Stage
     from vsr2.errors import ConfigError
     from vsr2.report.messages.commands import time_step_table
     from vsr2.report.messages.progress_lines import ProgressLines
-    from vsr2.simulation import compare_time_steps, longest_time_step
 
     if not 0 < tolerance < math.inf:
         raise ConfigError(f"--tolerance is {tolerance}; give a number above 0, as 0.02 for 2 %")

@@ -20,7 +20,12 @@ from numpy.typing import NDArray
 from vsr2.analysis import logistic_baseline
 from vsr2.analysis.baseline import LOGISTIC, Fitted
 from vsr2.analysis.bootstrap import Interval
-from vsr2.analysis.overturning_margin import MARGIN, MarginModel, out_of_fold_probability
+from vsr2.analysis.overturning_margin import (
+    MARGIN,
+    MarginModel,
+    out_of_fold_probability,
+    seek_margins,
+)
 from vsr2.analysis.probability import (
     PROBABILITY_SCORES,
     RELIABILITY,
@@ -393,24 +398,31 @@ class _Runs:
                 trials).
             folder: of simulations.
         """
-        low, high = (np.full(outcomes.shape, sign * PREDICTION.reach) for sign in (-1, 1))
-        failed = np.zeros(outcomes.shape, dtype=bool)
+        out = np.full(outcomes.shape, np.nan)
         for k, study in enumerate(self.scenes):
             rows = np.arange(k, len(outcomes), len(self.scenes))
             simulator = self._simulator(self.campaign, study)
-            ends = outcomes[rows]
             with SimulationCache(simulator, self._cache(folder), chunk=PREDICTION.chunk) as store:
-                for halving in range(PREDICTION.halvings):
-                    middle = 0.5 * (low[rows] + high[rows])
-                    if halving:
-                        ends = self._scaled(store, rows, middle)
-                    low[rows] = np.where(ends > 0.5, low[rows], middle)
-                    high[rows] = np.where(ends > 0.5, middle, high[rows])
-                    failed[rows] |= np.isnan(ends)
-                    if self.execution.report is not None:
-                        done = (k + (halving + 1) / PREDICTION.halvings) / len(self.scenes)
-                        self.execution.report(Progress(Stage.MARGINS, done))
-        return np.where(failed, np.nan, 0.5 * (low + high))
+                out[rows] = self._sought(store, rows, outcomes[rows], k)
+        return out
+
+    def _sought(
+        self, store: SimulationCache, rows: NDArray[np.int64], outcomes: Array, k: int
+    ) -> Array:
+        """Margins of the replicates in the k-th scene, shape (rows, trials)."""
+        halving = 0
+
+        def overturns(logs: Array) -> Array:
+            nonlocal halving
+            ends = self._scaled(store, rows, logs) if halving else outcomes
+            halving += 1
+            if self.execution.report is not None:
+                done = (k + halving / PREDICTION.halvings) / len(self.scenes)
+                self.execution.report(Progress(Stage.MARGINS, done))
+            return ends
+
+        reach = PREDICTION.reach
+        return seek_margins(overturns, outcomes.shape, (-reach, reach), PREDICTION.halvings)
 
     @staticmethod
     def _scaled(store: SimulationCache, rows: NDArray[np.int64], logs: Array) -> Array:

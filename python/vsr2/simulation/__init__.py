@@ -7,19 +7,15 @@ from vsr2.simulation.native_scenes import native_scene
 from vsr2.simulation.planning import check_trials, plan_sha256, study_trials
 from vsr2.simulation.shards import Shard, merge_shards, run_shard
 from vsr2.simulation.simulation import Simulation, State
-from vsr2.simulation.time_steps import TimeStepError, compare_time_steps, longest_time_step
 
 __all__ = [
     "BatchEstimate",
     "Shard",
     "Simulation",
     "State",
-    "TimeStepError",
     "check_trials",
-    "compare_time_steps",
     "connect",
     "estimate_batch",
-    "longest_time_step",
     "merge_shards",
     "native_scene",
     "plan_sha256",

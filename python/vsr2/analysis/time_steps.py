@@ -9,13 +9,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis.overturning_margin import seek_margins
 from vsr2.config import Study
 from vsr2.errors import SimulationError
-from vsr2.results import BatchResult
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
-from vsr2.simulation.batch import run_batch
-from vsr2.simulation.planning import check_trials, study_trials
+from vsr2.simulation import check_trials, run_batch, study_trials
 from vsr2.trial import Trial, rows_only
 
 Array = NDArray[np.float64]
@@ -189,28 +188,25 @@ def _margins(
     trials: list[Trial], threads: int | None, done: Callable[[int], None]
 ) -> tuple[Array, float]:
     """Margins, NaN where none lies within the range or a trial failed, and CPU time a trial [s]."""
-    low, high = (np.full(len(trials), sign * TIME_STEPS.reach) for sign in (-1, 1))
-    failed = np.zeros(len(trials), dtype=bool)
-    began = time.process_time()
-    for halving in range(TIME_STEPS.halvings):
-        middle = 0.5 * (low + high)
+    halving = 0
+
+    def overturns(logs: Array) -> Array:
+        nonlocal halving
         scaled = [
             replace(trial, motion=trial.motion.scaled(float(factor)))
-            for trial, factor in zip(trials, np.exp(middle), strict=True)
+            for trial, factor in zip(trials, np.exp(logs), strict=True)
         ]
         found = run_batch(scaled, threads=threads, keep_logs=False)
         if found.provenance["interrupted"]:
             raise KeyboardInterrupt
-        failed |= ~found.judged
-        low, high = _halved(low, middle, high, found)
-        done(halving + 1)
+        halving += 1
+        done(halving)
+        return np.where(found.judged, found.overturned, np.nan)
+
+    began = time.process_time()
+    ends = (-TIME_STEPS.reach, TIME_STEPS.reach)
+    margin = seek_margins(overturns, (len(trials),), ends, TIME_STEPS.halvings)
     spent = (time.process_time() - began) / (len(trials) * TIME_STEPS.halvings)
-    margin = 0.5 * (low + high)
     width = 2 * TIME_STEPS.reach / 2**TIME_STEPS.halvings
     beyond = np.abs(margin) > TIME_STEPS.reach - width
-    return np.where(failed | beyond, np.nan, margin), spent
-
-
-def _halved(low: Array, middle: Array, high: Array, found: BatchResult) -> tuple[Array, Array]:
-    fell = found.overturned
-    return np.where(fell, low, middle), np.where(fell, middle, high)
+    return np.where(beyond, np.nan, margin), spent
