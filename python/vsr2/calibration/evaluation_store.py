@@ -120,9 +120,7 @@ def _check_types(entry: dict[str, Any]) -> None:
 
 def _is_plain(value: object) -> bool:
     """Whether it may be the value of a parameter."""
-    if isinstance(value, bool | str):
-        return True
-    return abs(value) < 2**63 if isinstance(value, int) else is_number(value)
+    return isinstance(value, bool | str) or is_number(value, whole=True)
 
 
 class EvaluationStore(Store):

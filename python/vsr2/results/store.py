@@ -162,8 +162,15 @@ def odd_value(key: str, value: object, wanted: str) -> ValueError:
     return ValueError(f"{key} is {shown(value)}, not {wanted}")
 
 
-def is_number(value: object) -> bool:
-    """Whether a value of a record is a finite number with a point or an exponent."""
+def is_number(value: object, *, whole: bool = False) -> bool:
+    """Whether a value of a record is a finite number with a point or an exponent.
+
+    Args:
+        value: as JSON gives it; true and false are no numbers.
+        whole: whole numbers below 2^63 in size count, too.
+    """
+    if whole and type(value) is int:
+        return abs(value) < 2**63
     return isinstance(value, float) and math.isfinite(value)
 
 

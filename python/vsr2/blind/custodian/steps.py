@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 import json
-import math
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -15,6 +15,7 @@ from vsr2.blind.form.reader import Part, Sha256
 from vsr2.blind.form.seal import canonical, read_json, write_json
 from vsr2.config.problems import shown
 from vsr2.errors import BlindError
+from vsr2.results.store import is_number
 
 
 def read_back(content: Any) -> Any:
@@ -24,13 +25,6 @@ def read_back(content: Any) -> Any:
 
 Wanted = tuple[str, Callable[[Any], bool]]
 """What a step gives, in words and as a check of what a file has of it."""
-
-
-def is_number(value: object) -> bool:
-    """Whether it is a finite number; true and false are none."""
-    if type(value) is int:
-        return abs(value) < 2**63
-    return isinstance(value, float) and math.isfinite(value)
 
 
 def is_entry(value: object) -> bool:
@@ -43,8 +37,11 @@ def is_entry(value: object) -> bool:
     return True
 
 
-NUMBER: Wanted = ("a finite number", is_number)
-LIMIT: Wanted = ("a finite number or null", lambda value: value is None or is_number(value))
+NUMBER: Wanted = ("a finite number", partial(is_number, whole=True))
+LIMIT: Wanted = (
+    "a finite number or null",
+    lambda value: value is None or is_number(value, whole=True),
+)
 ENTRY: Wanted = ("a campaign as a key has it", is_entry)
 
 
@@ -55,7 +52,7 @@ def numbers(count: int) -> Wanted:
         lambda value: (
             isinstance(value, list)
             and len(value) == count
-            and all(is_number(one) and one > 0 for one in value)
+            and all(is_number(one, whole=True) and one > 0 for one in value)
         ),
     )
 
