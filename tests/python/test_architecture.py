@@ -206,7 +206,7 @@ def test_a_result_states_every_constant_that_it_rests_on(gatherer: str) -> None:
     module, _, name = gatherer.rpartition(".")
     gathered = getattr(import_module(f"vsr2.{module}"), name)
     stated = {frozenset(one) for one in gathered().values()}
-    # Of other products, which state them themselves.
+    # `campaign predict` and `campaign compare` state theirs; stability takes its own as arguments.
     elsewhere = {"PredictionConstants", "ReferenceConstants", "StabilityConstants"}
     for path in MODULES:
         if path.relative_to(PACKAGE).parts[0] not in RESTED_ON[gatherer]:
