@@ -409,6 +409,30 @@ def test_a_posterior_comes_back_from_its_file_bit_by_bit(trained, tmp_path) -> N
         load_posterior(path, library)
 
 
+def test_a_parameter_whose_null_is_endless_may_be_endless_in_the_file(trained, tmp_path) -> None:
+    # The corner of a filter that is not there is infinite; no other parameter's value may be.
+    path, library = tmp_path / "posterior.npz", linear().library
+    parameters = trained.posterior.parameters
+    open_ended = dict(library)
+    name = next(iter(parameters.values))
+    values = {key: own.copy() for key, own in parameters.values.items()}
+    values[name][0, 0] = np.inf
+    changed = replace(trained.posterior, parameters=replace(parameters, values=values))
+    save_posterior(changed, path)
+    with pytest.raises(
+        ResultError, match=rf"values {name} holds inf at \(0, 0\), wanted is finite"
+    ):
+        load_posterior(path, library)
+    effect = library[name]
+    first_free = next(k for k, p in enumerate(effect.parameters) if p.prior != "fixed")
+    stated = list(effect.parameters)
+    stated[first_free] = replace(stated[first_free], null=np.inf)
+    open_ended[name] = replace(effect, parameters=tuple(stated))
+    again = load_posterior(path, open_ended)
+    assert again is not None
+    np.testing.assert_array_equal(again.parameters.values[name], values[name])
+
+
 def test_a_posterior_s_file_is_that_of_what_it_was_trained_for(trained, tmp_path) -> None:
     cache, seen = ProtocolCache(tmp_path), trained.seen
     given = {"identity": "scene", "seen": seen, "campaigns": 600, "seed": 0}

@@ -1,8 +1,8 @@
-"""Arrays of a posterior's file, each checked before it is used: there, of its shape, finite."""
+"""Arrays of a posterior's file, each checked before it is used: there, of its shape, its numbers such as can be."""
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -37,19 +37,28 @@ class FileArrays:
         """A length that is known or was met in an array."""
         return self._sizes[of]
 
-    def numbers(self, name: str, *shape: str | int, above: float | None = None) -> Array:
+    def numbers(
+        self,
+        name: str,
+        *shape: str | int,
+        above: float | None = None,
+        endless: Sequence[bool] | bool = False,
+    ) -> Array:
         """An array of finite numbers.
 
         Args:
             name: of the array.
             shape: its lengths; a name stands for the same length in every array.
             above: below all of its numbers; None: there is no bound.
+            endless: whether numbers may be infinite, for all or for each place of the last axis.
 
         Raises:
             ValueError: names array, value and what is wanted.
         """
         found = self._of_shape(name, shape, "f")
-        wrong = ~np.isfinite(found) if above is None else ~(np.isfinite(found) & (found > above))
+        wrong = np.isnan(found) | (np.isinf(found) & ~np.asarray(endless))
+        if above is not None:
+            wrong |= ~(found > above)
         self._refuse(name, found, wrong, "finite" if above is None else f"above {above:g}")
         return found
 

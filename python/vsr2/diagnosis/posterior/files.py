@@ -5,7 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Mapping
 from dataclasses import asdict, fields
-from math import isfinite
+from math import isfinite, isinf
 from pathlib import Path
 from typing import Any
 
@@ -180,8 +180,11 @@ def _parameters(arrays: FileArrays, library: Library, columns: int) -> Parameter
     for name, effect in library.items():
         if f"rows {name}" in arrays:
             rows[name] = arrays.indices(f"rows {name}", f"of {name}", least=0, below=len(residuals))
-            count = len(free_parameters(effect))
-            values[name] = arrays.numbers(f"values {name}", f"of {name}", count)
+            free = free_parameters(effect)
+            endless = [isinf(parameter.null) for parameter in free]
+            values[name] = arrays.numbers(
+                f"values {name}", f"of {name}", len(free), endless=endless
+            )
     return Parameters(library, residuals.astype(np.float32, copy=False), rows, values)
 
 
