@@ -1,4 +1,4 @@
-"""Arrays of a posterior's file, each checked before it is used: there, of its shape, its numbers such as can be."""
+"""Arrays of a posterior's file, each checked before it is used: there, and of its shape."""
 
 from __future__ import annotations
 
