@@ -49,10 +49,33 @@ def null_quantile(parameter: Parameter) -> float | None:
 
 def sides(effect: Effect) -> tuple[Side, ...]:
     """Sides of the null on which an effect has values; none where it has no open parameter."""
-    nulls = [_null(p) for p in primary_parameters(effect)]
-    if not nulls:
+    primary = primary_parameters(effect)
+    if not primary:
         return ()
-    return (-1, 1) if any(1e-6 < null < 1 - 1e-6 for null in nulls) else (1,)
+    return (-1, 1) if any(map(two_sided, primary)) else (1,)
+
+
+def two_sided(parameter: Parameter) -> bool:
+    """Whether its prior reaches to both sides of its null."""
+    return 1e-6 < _null(parameter) < 1 - 1e-6
+
+
+def value_at(parameter: Parameter, share: float) -> float:
+    """Value of a free parameter.
+
+    Args:
+        parameter: with a prior.
+        share: of a primary one its share of the range from the null, in [-1, 1], negative below
+            the null where it is two-sided; of a secondary one the prior quantile.
+    """
+    if parameter.secondary:
+        return parameter.ppf(share)
+    if share == 0:
+        return parameter.null
+    null = _null(parameter)
+    up = share > 0 if two_sided(parameter) else null < 0.5
+    quantile = null + abs(share) * ((1 - null) if up else -null)
+    return parameter.ppf(min(max(quantile, 0.0), 1.0))
 
 
 def values_at(
@@ -69,18 +92,11 @@ def values_at(
     Returns:
         One value for each of `effect.parameters`.
     """
-    known = {}
     left, rest = iter(shares), iter(secondary)
-    for parameter in free_parameters(effect):
-        if parameter.secondary:
-            known[parameter.name] = parameter.ppf(next(rest))
-            continue
-        share, null = next(left), _null(parameter)
-        if share <= 0:
-            continue
-        up = side > 0 if 1e-6 < null < 1 - 1e-6 else null < 0.5
-        quantile = null + share * ((1 - null) if up else -null)
-        known[parameter.name] = parameter.ppf(min(max(quantile, 0.0), 1.0))
+    known = {
+        p.name: value_at(p, next(rest) if p.secondary else side * max(next(left), 0.0))
+        for p in free_parameters(effect)
+    }
     return tuple(float(known.get(p.name, p.null)) for p in effect.parameters)
 
 

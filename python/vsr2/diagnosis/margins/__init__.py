@@ -1,0 +1,1 @@
+"""Which causes act, by overturning margins: a likelihood of a campaign's outcomes."""

@@ -1,0 +1,223 @@
+"""Causes as coordinates: which effects act, how strongly, and what an emulator tells them by."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass
+from functools import cached_property
+from types import MappingProxyType
+from typing import Final
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.simulated.library import (
+    Library,
+    free_parameters,
+    is_angle,
+    sides,
+    two_sided,
+    value_at,
+)
+from vsr2.diagnosis.simulated.simulator import Effects
+from vsr2.effects import Parameter
+
+Array = NDArray[np.float64]
+Acts = NDArray[np.bool_]
+GAIN: Final = "table_gain"
+"""Needs no simulation: a motion that is stronger by a factor takes its logarithm off the margin."""
+NOT_JUDGED: Final = MappingProxyType(
+    {
+        "placement": "differs from trial to trial, as the scatter of margins does",
+        "session": "acts on a part of the trials",
+        "change_point": "acts on a part of the trials",
+        "outcome_rule": "changes what is noted, not what happens",
+    }
+)
+"""Effects that no margin of a scene shows, and why."""
+
+
+@dataclass(frozen=True)
+class CauseConstants:
+    """How causes are drawn; chosen by hand.
+
+    Attributes:
+        acting: probability that an effect acts in a scene whose margins are sought: some six of
+            25, so that each acts in a quarter of the scenes and meets each other one.
+        alone: probability that a parameter stays at its null where another of the effect is
+            farther from its own.
+    """
+
+    acting: float = 0.25
+    alone: float = 0.35
+
+
+CAUSES = CauseConstants()
+
+
+@dataclass(frozen=True)
+class _Coordinate:
+    """A free parameter: in [low, 1], the null at 0; of a secondary one its quantile in [0, 1]."""
+
+    parameter: Parameter
+    effect: int
+    low: float
+    first: int
+    """Column of the effect's first coordinate."""
+
+
+@dataclass(frozen=True, eq=False)
+class CauseSpace:
+    """Effects of a library that margins can show.
+
+    A scene is a point: one coordinate for each free parameter, and which effects act.
+
+    Attributes:
+        library: of effects.
+        names: of those that may act, in the library's order, the strength of the motion left out.
+    """
+
+    library: Library
+    names: tuple[str, ...]
+
+    @cached_property
+    def coordinates(self) -> tuple[_Coordinate, ...]:
+        """Of all effects, one after another."""
+        out: list[_Coordinate] = []
+        for k, name in enumerate(self.names):
+            effect, first = self.library[name], len(out)
+            for p in free_parameters(effect):
+                low = -1.0 if not p.secondary and two_sided(p) else 0.0
+                out.append(_Coordinate(p, k, low, first))
+        return tuple(out)
+
+    @property
+    def lows(self) -> Array:
+        """Lower ends of the coordinates, shape (coordinates,); the upper ends are 1."""
+        return np.array([one.low for one in self.coordinates])
+
+    @property
+    def effect_of(self) -> NDArray[np.int64]:
+        """Position of the effect that each coordinate belongs to, shape (coordinates,)."""
+        return np.array([one.effect for one in self.coordinates], dtype=np.int64)
+
+    @property
+    def turns(self) -> Acts:
+        """Which coordinates are full turns, that go on from one end to the other."""
+        return np.array([is_angle(one.parameter) for one in self.coordinates], dtype=bool)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Array:
+        """Coordinates from their prior, shape (count, coordinates)."""
+        low = self.lows
+        return np.asarray(low + (1 - low) * rng.random((count, low.size)))
+
+    def shares(self, points: Array) -> Array:
+        """Shares of the range from the null, of secondary ones the coordinate, shape as given.
+
+        Where an effect has several primary parameters, one that is near its null stays there
+        unless it is the farthest (:class:`CauseConstants`).
+        """
+        out = points.copy()
+        effect, alone = self.effect_of, CAUSES.alone
+        primary = np.array([not one.parameter.secondary for one in self.coordinates])
+        for k in range(len(self.names)):
+            own = np.flatnonzero((effect == k) & primary)
+            if own.size < 2:
+                continue
+            size = np.abs(points[:, own])
+            rest = np.maximum(size - alone, 0.0) / (1 - alone)
+            farthest = size == size.max(axis=1, keepdims=True)
+            out[:, own] = np.sign(points[:, own]) * np.where(farthest, size, rest)
+        return out
+
+    @cached_property
+    def feature_names(self) -> tuple[str, ...]:
+        """Names of the numbers by which an emulator tells scenes apart."""
+        out: list[str] = []
+        for one in self.coordinates:
+            label = f"{self.names[one.effect]}.{one.parameter.name}"
+            if is_angle(one.parameter):
+                out += [f"{label}.cos", f"{label}.sin"]
+            else:
+                out.append(label)
+        return tuple(out)
+
+    def features(self, points: Array, acts: Acts) -> Array:
+        """Numbers that are 0 where an effect does not act, shape (n, features).
+
+        A primary parameter gives its share of the range from its null, an angle over a full turn
+        cosine less 1 and sine. A secondary angle gives the components of a vector that is as long
+        as the share before it, another secondary parameter that share times how far it lies from
+        the middle of its range.
+
+        Args:
+            points: coordinates, shape (n, coordinates).
+            acts: which effects act, shape (n, effects).
+        """
+        shares = self.shares(points)
+        columns: list[Array] = []
+        leading = np.zeros(len(points))
+        for k, one in enumerate(self.coordinates):
+            on, value = acts[:, one.effect], shares[:, k]
+            if k == one.first or not one.parameter.secondary:
+                leading = np.where(on, value, 0.0)
+            if is_angle(one.parameter):
+                turn = 2 * np.pi * value if one.parameter.secondary else np.pi * value
+                if one.parameter.secondary:
+                    columns += [leading * np.cos(turn), leading * np.sin(turn)]
+                else:
+                    columns += [on * (np.cos(turn) - 1), on * np.sin(turn)]
+            elif one.parameter.secondary:
+                columns.append(leading * (2 * value - 1))
+            else:
+                columns.append(leading)
+        return np.stack(columns, axis=1) if columns else np.zeros((len(points), 0))
+
+    def effects(self, point: Array, acts: Acts) -> Effects:
+        """What acts at a point, as a simulator takes it.
+
+        Args:
+            point: coordinates, shape (coordinates,).
+            acts: which effects act, shape (effects,).
+        """
+        return tuple(
+            (name, self.values(name, point)) for name, on in zip(self.names, acts, strict=True) if on
+        )
+
+    def values(self, name: str, point: Array) -> tuple[float, ...]:
+        """Values of all parameters of an effect, fixed ones at their null."""
+        shares = self.shares(point[None])[0]
+        known = {
+            one.parameter.name: value_at(one.parameter, float(share))
+            for one, share in zip(self.coordinates, shares, strict=True)
+            if self.names[one.effect] == name
+        }
+        return tuple(float(known.get(p.name, p.null)) for p in self.library[name].parameters)
+
+
+def cause_space(library: Library, exclude: Collection[str] = ()) -> CauseSpace:
+    """Of the effects of a library that margins can show."""
+    names = tuple(
+        name
+        for name, effect in library.items()
+        if name not in NOT_JUDGED and name not in exclude and name != GAIN and sides(effect)
+    )
+    return CauseSpace(library, names)
+
+
+def draw_scene(space: CauseSpace, index: int, seed: int) -> tuple[Array, Acts]:
+    """A scene whose margins are sought; any can be drawn alone, and in scene 0 nothing acts.
+
+    Returns:
+        Coordinates, shape (coordinates,), and which effects act, shape (effects,).
+    """
+    rng = np.random.default_rng([seed, 41, index])
+    acts = rng.random(len(space.names)) < CAUSES.acting
+    return space.draw(1, rng)[0], acts & (index > 0)
+
+
+def draw_scenes(space: CauseSpace, rows: Sequence[int], seed: int) -> tuple[Array, Acts]:
+    """Several such scenes, one row each."""
+    drawn = [draw_scene(space, row, seed) for row in rows]
+    return np.stack([point for point, _ in drawn]), np.stack([acts for _, acts in drawn])
+

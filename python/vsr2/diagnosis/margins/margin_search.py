@@ -1,0 +1,120 @@
+"""Margins of drawn scenes, each sought from where those of other scenes lie."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from enum import IntEnum
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.margins.cause_space import GAIN
+from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.simulator import Effects, Request
+
+Array = NDArray[np.float64]
+Overturns = Callable[[NDArray[np.int64], Array], Array]
+"""Called with positions and logarithms of factors on the motion, gives 1, 0, or NaN where a
+simulation failed, one for each position."""
+
+
+@dataclass(frozen=True)
+class SearchConstants:
+    """How margins are sought; chosen by hand.
+
+    Attributes:
+        reach: of the logarithm of the factor on the motion, both ways.
+        width: of the range that is left, by which a margin is good to half of it: below what chaos
+            scatters.
+        step: of the first step away from the guess; each further one is twice as long.
+        pilot: scenes whose margins are sought first, from the middle; their median is the guess
+            for the others.
+    """
+
+    reach: float = 1.0
+    width: float = 0.0625
+    step: float = 0.125
+    pilot: int = 16
+
+
+SEARCH = SearchConstants()
+
+
+class _State(IntEnum):
+    OPEN = 0
+    FOUND = 1
+    FAILED = 2
+
+
+def search_margins(overturns: Overturns, guess: Array) -> Array:
+    """Logarithm of the factor on the motion at which each rock overturns, shape as `guess`.
+
+    The search steps away from the guess until the outcome changes, then halves. Where the rock
+    stands at the largest factor, or falls at the least, that end is the margin.
+
+    Args:
+        overturns: simulates what is asked.
+        guess: where the search begins.
+
+    Returns:
+        NaN where a simulation failed.
+    """
+    reach, width = SEARCH.reach, SEARCH.width
+    shape, guesses = guess.shape, guess.ravel()
+    # On a grid of widths, so that later scenes ask for factors that earlier ones asked for.
+    at = np.clip(np.round(guesses / width) * width, -reach, reach)
+    low, high = np.full(at.size, -np.inf), np.full(at.size, np.inf)
+    step = np.full(at.size, SEARCH.step)
+    state = np.full(at.size, _State.OPEN)
+    out = np.full(at.size, np.nan)
+    while (rows := np.flatnonzero(state == _State.OPEN)).size:
+        fell = overturns(rows, at[rows])
+        state[rows[np.isnan(fell)]] = _State.FAILED
+        for end, limit, told in ((high, -reach, fell > 0.5), (low, reach, fell < 0.5)):
+            hit = rows[told]
+            end[hit] = at[hit]
+            beyond = hit[at[hit] == limit]
+            out[beyond], state[beyond] = limit, _State.FOUND
+        both = rows[np.isfinite(low[rows]) & np.isfinite(high[rows])]
+        narrow = both[high[both] - low[both] <= width]
+        out[narrow], state[narrow] = 0.5 * (low[narrow] + high[narrow]), _State.FOUND
+        at[both] = np.round(0.5 * (low[both] + high[both]) / width) * width
+        outwards = np.setdiff1d(rows[state[rows] == _State.OPEN], both)
+        sign = np.where(np.isfinite(low[outwards]), 1.0, -1.0)
+        at[outwards] = np.clip(at[outwards] + sign * step[outwards], -reach, reach)
+        step[outwards] *= 2
+    return np.where(state == _State.FOUND, out, np.nan).reshape(shape)
+
+
+def scene_margins(
+    cache: SimulationCache,
+    scenes: Sequence[tuple[int, Effects]],
+    guess: Array,
+    *,
+    progress: Callable[[float], None] | None = None,
+) -> Array:
+    """Margins of all trials in drawn scenes, shape (scenes, trials).
+
+    Args:
+        cache: of simulations.
+        scenes: number of the draw of the nuisances, above 0, and the effects of each.
+        guess: of each trial, shape (trials,).
+        progress: called with the share that is done.
+    """
+    guesses = np.broadcast_to(guess, (len(scenes), guess.size)).copy()
+    open_rows = guesses.size
+
+    def overturns(rows: NDArray[np.int64], logs: Array) -> Array:
+        nonlocal open_rows
+        if progress is not None and rows.size < open_rows:
+            progress(1 - rows.size / guesses.size)
+        open_rows = rows.size
+        requests = []
+        for row, log in zip(rows.tolist(), logs.tolist(), strict=True):
+            nuisance, effects = scenes[row // guess.size]
+            scaled = ((GAIN, (float(np.expm1(log)),)),) if log else ()
+            requests.append(Request(row % guess.size, (*effects, *scaled), nuisance, 1))
+        return np.asarray(cache.run(requests).overturned)
+
+    return search_margins(overturns, guesses)
