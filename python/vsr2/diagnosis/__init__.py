@@ -2,6 +2,7 @@
 
 from vsr2.diagnosis.api import Execution, diagnose
 from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.causes import Causes, find_causes
 from vsr2.diagnosis.corrected import corrected_study, drawn_studies
 from vsr2.diagnosis.iteration import Iteration, iterate
 from vsr2.diagnosis.pipeline import Question, diagnose_with
@@ -28,6 +29,7 @@ __all__ = [
     "DEFAULT_NUISANCES",
     "SCHEMA",
     "Budget",
+    "Causes",
     "Diagnosis",
     "DrawnByEffect",
     "Execution",
@@ -51,6 +53,7 @@ __all__ = [
     "diagnose",
     "diagnose_with",
     "drawn_studies",
+    "find_causes",
     "iterate",
     "predict",
     "schema",

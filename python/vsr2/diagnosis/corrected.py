@@ -99,6 +99,20 @@ def with_effects_on_top(study: Study, added: Mapping[str, Mapping[str, float]]) 
     return out
 
 
+def scene_with(study: Study, added: Mapping[str, Mapping[str, float]]) -> Study:
+    """A scene with effects on top of its own, each at given values, the others at their null.
+
+    Args:
+        study: of the scene.
+        added: values of some parameters, by effect.
+
+    Raises:
+        ConfigError: as :func:`with_effects_on_top`.
+    """
+    complete = {name: _within(effect(name), values) for name, values in added.items()}
+    return _with_effects(study, with_effects_on_top(study, complete))
+
+
 def corrected_study(found: Diagnosis, study: Study) -> Study | None:
     """The scene with what a diagnosis names; None where it names nothing that a study can state.
 

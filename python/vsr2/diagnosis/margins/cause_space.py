@@ -80,6 +80,11 @@ class CauseSpace:
     library: Library
     names: tuple[str, ...]
 
+    @property
+    def all_names(self) -> tuple[str, ...]:
+        """The effects, then the strength of the motion."""
+        return (*self.names, GAIN)
+
     @cached_property
     def coordinates(self) -> tuple[_Coordinate, ...]:
         """Of all effects, one after another."""
@@ -91,17 +96,17 @@ class CauseSpace:
                 out.append(_Coordinate(p, k, low, first))
         return tuple(out)
 
-    @property
+    @cached_property
     def lows(self) -> Array:
         """Lower ends of the coordinates, shape (coordinates,); the upper ends are 1."""
         return np.array([one.low for one in self.coordinates])
 
-    @property
+    @cached_property
     def effect_of(self) -> NDArray[np.int64]:
         """Position of the effect that each coordinate belongs to, shape (coordinates,)."""
         return np.array([one.effect for one in self.coordinates], dtype=np.int64)
 
-    @property
+    @cached_property
     def turns(self) -> Acts:
         """Which coordinates are full turns, that go on from one end to the other."""
         return np.array([is_angle(one.parameter) for one in self.coordinates], dtype=bool)
@@ -181,7 +186,9 @@ class CauseSpace:
             acts: which effects act, shape (effects,).
         """
         return tuple(
-            (name, self.values(name, point)) for name, on in zip(self.names, acts, strict=True) if on
+            (name, self.values(name, point))
+            for name, on in zip(self.names, acts, strict=True)
+            if on
         )
 
     def values(self, name: str, point: Array) -> tuple[float, ...]:
@@ -220,4 +227,3 @@ def draw_scenes(space: CauseSpace, rows: Sequence[int], seed: int) -> tuple[Arra
     """Several such scenes, one row each."""
     drawn = [draw_scene(space, row, seed) for row in rows]
     return np.stack([point for point, _ in drawn]), np.stack([acts for _, acts in drawn])
-

@@ -99,22 +99,19 @@ def scene_margins(
     Args:
         cache: of simulations.
         scenes: number of the draw of the nuisances, above 0, and the effects of each.
-        guess: of each trial, shape (trials,).
+        guess: of each trial, shape (scenes, trials).
         progress: called with the share that is done.
     """
-    guesses = np.broadcast_to(guess, (len(scenes), guess.size)).copy()
-    open_rows = guesses.size
+    trials = guess.shape[1]
 
     def overturns(rows: NDArray[np.int64], logs: Array) -> Array:
-        nonlocal open_rows
-        if progress is not None and rows.size < open_rows:
-            progress(1 - rows.size / guesses.size)
-        open_rows = rows.size
+        if progress is not None:
+            progress(1 - rows.size / guess.size)
         requests = []
         for row, log in zip(rows.tolist(), logs.tolist(), strict=True):
-            nuisance, effects = scenes[row // guess.size]
+            nuisance, effects = scenes[row // trials]
             scaled = ((GAIN, (float(np.expm1(log)),)),) if log else ()
-            requests.append(Request(row % guess.size, (*effects, *scaled), nuisance, 1))
+            requests.append(Request(row % trials, (*effects, *scaled), nuisance, 1))
         return np.asarray(cache.run(requests).overturned)
 
-    return search_margins(overturns, guesses)
+    return search_margins(overturns, guess)

@@ -1,0 +1,480 @@
+"""The causes of a campaign's outcomes, several at once, by overturning margins."""
+
+from __future__ import annotations
+
+import json
+import math
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass
+from os import PathLike
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.analysis import logistic_baseline
+from vsr2.analysis.baseline import LOGISTIC
+from vsr2.analysis.overturning_margin import MARGIN
+from vsr2.analysis.probability import RELIABILITY, probability_intervals
+from vsr2.argument_names import checked_names
+from vsr2.campaign import Campaign, load_campaign
+from vsr2.config import Study, dump_study, load_study
+from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
+from vsr2.diagnosis.corrected import CORRECTED_FILE, scene_head, scene_with
+from vsr2.diagnosis.how_far.ensemble_losses import interval, resampled_means, share_of_gap
+from vsr2.diagnosis.margins.acting_posterior import SAMPLER, sample_posterior
+from vsr2.diagnosis.margins.cause_space import CAUSES, GAIN, NOT_JUDGED, cause_space
+from vsr2.diagnosis.margins.held_out_causes import (
+    HELD_OUT_CAUSES,
+    HeldOutCauses,
+    judge_causes,
+)
+from vsr2.diagnosis.margins.margin_emulator import EMULATOR, MarginEmulator
+from vsr2.diagnosis.margins.margin_search import SEARCH
+from vsr2.diagnosis.margins.outcome_model import (
+    OUTCOMES,
+    OutcomeModel,
+    Particles,
+    acting_share,
+)
+from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
+from vsr2.diagnosis.pipeline import Progress, Stage
+from vsr2.diagnosis.prediction import PREDICTION
+from vsr2.diagnosis.protocol_cache import SIMULATIONS
+from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.library import Library, is_angle, turn_of
+from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
+from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES
+from vsr2.diagnosis.simulated.simulator import SIMULATION
+from vsr2.effects import Parameter
+from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
+from vsr2.results import base_provenance
+from vsr2.results.atomic import csv_text, write_text
+from vsr2.simulation.run_constants import run_constants
+
+Array = NDArray[np.float64]
+CAUSES_FILE = "causes.json"
+TABLE_FILE = "causes.csv"
+PROBABILITIES_FILE = "held_out.csv"
+FILES = (CAUSES_FILE, TABLE_FILE, PROBABILITIES_FILE, CORRECTED_FILE, SIMULATIONS)
+VERSION = 1
+"""Of causes.json."""
+
+
+@dataclass(frozen=True)
+class ReportConstants:
+    """What is said of causes; chosen by hand.
+
+    Attributes:
+        likely: probability from which a cause goes into the corrected scene.
+        named: probability from which it is named.
+        together: sets of causes that are listed.
+        interval: quantiles at the ends of a parameter's interval.
+        replicates: of the bootstrap over motions.
+    """
+
+    likely: float = 0.5
+    named: float = 0.9
+    together: int = 8
+    interval: tuple[float, float] = (0.05, 0.95)
+    replicates: int = 2000
+
+
+REPORT = ReportConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class Causes:
+    """What the outcomes of a campaign say of the scene's gaps.
+
+    Attributes:
+        content: plain data, as in causes.json: see docs/reference/outputs.md.
+        trials: of the campaign, in its order.
+        held_out: probability of overturning, each motion judged by the others, by name of what may
+            act: `none`, the causes that are judged together joined by "+", `all`; shapes (trials,).
+        corrected: the scene with its likely causes at their posterior mean; None: there is none, or
+            no study states them.
+    """
+
+    content: Mapping[str, Any]
+    trials: tuple[str, ...]
+    held_out: Mapping[str, Array]
+    corrected: Study | None
+
+    @property
+    def acting(self) -> dict[str, float]:
+        """Probability that each effect acts, the greatest first."""
+        return {row["name"]: row["acts"] for row in self.content["causes"]}
+
+    @property
+    def named(self) -> tuple[str, ...]:
+        """Effects that are named."""
+        return tuple(name for name, acts in self.acting.items() if acts >= REPORT.named)
+
+    def to_json(self) -> str:
+        """The text of causes.json."""
+        return json.dumps(self.content, indent=2, allow_nan=False) + "\n"
+
+    def tables(self) -> dict[str, str]:
+        """CSV files by name."""
+        rows = [
+            {
+                "effect": row["name"],
+                "acts": row["acts"],
+                "parameter": name,
+                "unit": one["unit"],
+                "mean": one["mean"],
+                "low": one["interval"][0],
+                "high": one["interval"][1],
+            }
+            for row in self.content["causes"]
+            for name, one in row["parameters"].items()
+        ]
+        columns = {"trial": list(self.trials)} | {
+            name: values.tolist() for name, values in self.held_out.items()
+        }
+        probabilities = [
+            dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
+        ]
+        return {TABLE_FILE: csv_text(rows), PROBABILITIES_FILE: csv_text(probabilities)}
+
+    def save(self, folder: str | PathLike[str]) -> list[Path]:
+        """Write causes.json, the tables and corrected.yaml; an earlier scene is removed.
+
+        Raises:
+            ResultError: a file cannot be written.
+        """
+        path = Path(folder)
+        texts = {CAUSES_FILE: self.to_json()} | self.tables()
+        (path / CORRECTED_FILE).unlink(missing_ok=True)
+        if self.corrected is not None:
+            facts = {"corrected_for": ", ".join(self.content["corrected"])}
+            head = scene_head(facts | {"values": "posterior_mean"})
+            texts[CORRECTED_FILE] = head + dump_study(self.corrected, relative_to=path)
+        for name, text in texts.items():
+            write_text(path / name, text)
+        return [path / name for name in texts]
+
+
+@checked_names(DiagnosisError)
+@one_blas_thread()
+def find_causes(
+    campaign: Campaign | str | PathLike[str],
+    scene: Study | str | PathLike[str],
+    *,
+    out: str | PathLike[str] | None = None,
+    scenes: int = 96,
+    hypotheses: Hypotheses = HYPOTHESES,
+    execution: Execution = EXECUTION,
+    seed: int = 0,
+) -> Causes:
+    """Which effects act together in a campaign, by how strong motions must be to overturn.
+
+    Scenes are drawn in which any of the effects act. In each the factor on the motion is sought at
+    which every trial overturns, and an emulator learns these margins. Then the outcomes say which
+    effects act, and how strongly. Causes are judged on motions that they were not inferred from.
+    For campaigns of many outcomes in which several causes act; `diagnose` reads series, too.
+
+    Args:
+        campaign: trials, or the folder that holds them; those without motion or outcome are left
+            out.
+        scene: the study of the scene, its effects included, or its file. Its motions are not used.
+        out: folder for tables, the corrected scene and simulations, which later runs reuse; None:
+            nothing is written.
+        scenes: whose margins are sought, each by three to six simulations of a trial.
+        hypotheses: effects, priors and nuisances; at most how many act is not asked.
+        execution: threads or a cluster, who gets progress, and a cache that a diagnosis shares.
+        seed: of all draws.
+
+    Returns:
+        The causes.
+
+    Raises:
+        DiagnosisError: an option or the folder cannot be used, or the campaign has too few motions
+            or outcomes of one kind alone.
+        CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
+            cannot be used.
+        ResultError: a file cannot be written.
+    """
+    given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
+    used = given.with_motion()
+    used = used.select(np.isfinite(used.overturned))
+    _check(used, scenes, seed)
+    study = scene if isinstance(scene, Study) else load_study(scene)
+    folder = None if out is None else made_folder(Path(out))
+    simulator = simulator_of(used, study, hypotheses, execution, seed)
+    if GAIN not in simulator.library:
+        raise DiagnosisError(f"hypotheses: margins need the effect {GAIN}; leave it in the library")
+    space = cause_space(simulator.library, simulator.excluded)
+    if not space.names:
+        raise DiagnosisError("no effect is left to look for: exclude fewer")
+
+    def report(stage: Stage, share: float) -> None:
+        if execution.report is not None:
+            execution.report(Progress(stage, share))
+
+    overturned, motions = used.overturned > 0, np.asarray(used.motion_ids)
+    path = None if folder is None else folder / SIMULATIONS
+    if execution.cache is not None:
+        path = made_folder(execution.cache.folder) / SIMULATIONS
+    with SimulationCache(simulator, path, chunk=PREDICTION.chunk) as cache:
+        found = simulate_scenes(
+            cache, space, overturned, motions, scenes, seed=seed,
+            progress=lambda share: report(Stage.MARGINS, share),
+        )  # fmt: skip
+        counts = {"asked": cache.asked, "simulated": cache.simulated, "reused": cache.reused}
+    known = found.known()
+    emulator = known.emulator(space)
+    model = OutcomeModel(space, emulator, overturned, motions, len(simulator.nuisance_names))
+    rng = np.random.default_rng([seed, 44])
+    posterior = sample_posterior(model, np.arange(overturned.size), rng)
+    acting = sorted(acting_share(posterior.particles, model.names).items(), key=lambda one: -one[1])
+    judged = judge_causes(
+        model, [name for name, _ in acting[: HELD_OUT_CAUSES.judged]], seed=seed,
+        progress=lambda share: report(Stage.JUDGEMENT, share),
+    )  # fmt: skip
+    rows = [
+        _cause(model, posterior.particles, name, acts, simulator.library) for name, acts in acting
+    ]
+    corrected, stated = _corrected(study, rows)
+    content = {
+        "format": "vsr2 causes",
+        "version": VERSION,
+        "campaign": used.name,
+        "trials": len(used),
+        "left_out": len(given) - len(used),
+        "motions": len(set(used.motion_ids)),
+        "causes": rows,
+        "named": [row["name"] for row in rows if row["acts"] >= REPORT.named],
+        "together": _together(posterior.particles, model.names),
+        "log_evidence": posterior.log_evidence,
+        "motion_stronger_by": _stronger(model, posterior.particles),
+        "scatter": {
+            name: _summary(values)
+            for name, values in zip(
+                ("motion", "trial"), model.scatter(posterior.particles), strict=True
+            )
+        },
+        "emulator": _quality(emulator, len(found)),
+        "held_out": _held_out(judged, used, seed),
+        "corrected": stated,
+        "not_judged": dict(NOT_JUDGED),
+        "excluded": list(simulator.excluded),
+        "unavailable": {name: str(error) for name, error in simulator.unavailable.items()},
+        "provenance": base_provenance() | {
+            "seed": seed,
+            "scenes": scenes,
+            "simulations": counts,
+            "simulator": simulator.identity,
+            "nuisances": [one.to_json() for one in simulator.nuisances],
+            "constants": _constants(),
+        },
+    }  # fmt: skip
+    held_out = {_label(allowed): p for allowed, p in judged.probability.items()}
+    result = Causes(
+        content, tuple(trial.trial for trial in used.trials),
+        held_out | {"all": judged.everything}, corrected,
+    )  # fmt: skip
+    if folder is not None:
+        result.save(folder)
+    return result
+
+
+def _check(used: Campaign, scenes: int, seed: int) -> None:
+    if scenes < SCENES.least:
+        raise DiagnosisError(f"scenes is {scenes}; give {SCENES.least} or more")
+    if seed < 0:
+        raise DiagnosisError(f"seed is {seed}; give 0 or more")
+    if len(used) == 0 or used.overturned.min() == used.overturned.max():
+        raise DiagnosisError(
+            f"campaign {used.name!r}: of the trials with a motion and an outcome none "
+            f"{'overturned' if not used.overturned.any() else 'stood'}; causes need both kinds"
+        )
+    if len(set(used.motion_ids)) < 2:
+        raise DiagnosisError(
+            f"campaign {used.name!r}: has one ground motion; causes are judged by other motions, "
+            "so give two or more"
+        )
+
+
+def _label(allowed: frozenset[str]) -> str:
+    return "+".join(sorted(allowed)) or "none"
+
+
+def _summary(values: Array) -> dict[str, Any]:
+    low, high = np.quantile(values, REPORT.interval)
+    return {"mean": float(values.mean()), "interval": [float(low), float(high)]}
+
+
+def _stronger(model: OutcomeModel, particles: Particles) -> dict[str, Any]:
+    """Factor on the motion, less 1, over all that may act."""
+    return _summary(np.expm1(model.log_strength(particles)))
+
+
+def _cause(
+    model: OutcomeModel, particles: Particles, name: str, acts: float, library: Library
+) -> dict[str, Any]:
+    """An effect: probability, and parameters where it acts."""
+    own = particles.taken(particles.acts[:, model.names.index(name)])
+    parameters: dict[str, Any] = {}
+    if len(own):
+        for parameter, values in _values(model, own, name, library):
+            parameters[parameter.name] = {"unit": parameter.unit} | (
+                _direction(parameter, values) if is_angle(parameter) else _endless(values)
+            )
+    return {"name": name, "acts": acts, "parameters": parameters}
+
+
+def _values(
+    model: OutcomeModel, own: Particles, name: str, library: Library
+) -> list[tuple[Parameter, Array]]:
+    effect = library[name]
+    if name == GAIN:
+        return [(effect.parameters[0], np.expm1(model.log_strength(own)))]
+    rows = np.array([model.space.values(name, point) for point in own.points])
+    free = {one.parameter.name for one in model.space.coordinates if one.parameter.prior != "fixed"}
+    return [
+        (p, rows[:, k])
+        for k, p in enumerate(effect.parameters)
+        if p.name in free and p.prior != "fixed" and p.lower < p.upper
+    ]
+
+
+def _endless(values: Array) -> dict[str, Any]:
+    """Mean and interval; None for what is infinite, such as the corner of a filter that is off."""
+    finite = values[np.isfinite(values)]
+    low, high = np.quantile(values, REPORT.interval, method="nearest")
+    return {
+        "mean": float(finite.mean()) if finite.size else None,
+        "interval": [float(end) if math.isfinite(end) else None for end in (low, high)],
+    }
+
+
+def _direction(parameter: Parameter, values: Array) -> dict[str, Any]:
+    """Mean direction, and the interval about it."""
+    turn = turn_of(parameter)
+    circle = np.exp(2j * np.pi * values / turn)
+    mean = float(np.angle(circle.mean()) / (2 * np.pi) * turn)
+    off = (values - mean + turn / 2) % turn - turn / 2
+    low, high = np.quantile(off, REPORT.interval)
+    return {"mean": mean, "interval": [mean + float(low), mean + float(high)]}
+
+
+def _together(particles: Particles, names: Sequence[str]) -> list[dict[str, Any]]:
+    """The most probable sets of causes."""
+    sets = Counter(
+        tuple(name for name, on in zip(names, row, strict=True) if on) for row in particles.acts
+    )
+    return [
+        {"names": list(chosen), "probability": count / len(particles)}
+        for chosen, count in sorted(sets.items(), key=lambda one: (-one[1], one[0]))[
+            : REPORT.together
+        ]
+    ]
+
+
+def _quality(emulator: MarginEmulator, scenes: int) -> dict[str, Any]:
+    """How well the emulator knows a scene that it did not see."""
+    errors, expected = emulator.left_out()
+    varied = np.ptp(emulator.deviations, axis=0) > 0
+    relative = errors / expected[:, None]
+    return {
+        "scenes": scenes,
+        "used": len(errors),
+        "spread": float(emulator.deviations[:, varied].std()),
+        "error": float(np.sqrt((errors[:, varied] ** 2).mean())),
+        "error_over_expected": float(
+            np.sqrt(((errors[:, varied] / expected[:, None]) ** 2).mean())
+        ),
+        "noise": emulator.noise,
+    }
+
+
+def _held_out(judged: HeldOutCauses, used: Campaign, seed: int) -> dict[str, Any]:
+    """Losses of motions that were not seen: the waterfall, shares, scores, and what is left."""
+    motion = np.unique(np.asarray(used.motion_ids), return_inverse=True)[1]
+    steps = [frozenset(judged.causes[:k]) for k in range(len(judged.causes) + 1)]
+    p = np.clip(judged.everything, 1e-12, 1 - 1e-12)
+    floor = -(p * np.log(p) + (1 - p) * np.log1p(-p))
+    losses = np.stack(
+        [*[judged.loss(step) for step in steps], judged.everything_loss(), floor,
+         *[judged.share(cause) for cause in judged.causes]]
+    )  # fmt: skip
+    means = np.vstack(
+        [losses.mean(axis=1), resampled_means(losses, motion, replicates=REPORT.replicates)]
+    ).T
+    gap = means[0] - means[len(steps) + 1]
+    shares = means[len(steps) + 2 :]
+    return {
+        "waterfall": [
+            {"causes": sorted(step), "loss": interval(row).to_json()}
+            for step, row in zip(steps, means, strict=False)
+        ],
+        "all": {"loss": interval(means[len(steps)]).to_json()},
+        "floor": {"loss": interval(means[len(steps) + 1]).to_json()},
+        "closure": share_of_gap(means[0] - means[len(steps)], gap).to_json(),
+        "shares": {
+            cause: {
+                "loss": interval(row).to_json(), "of_gap": share_of_gap(row, gap).to_json()
+            }
+            for cause, row in zip(judged.causes, shares, strict=True)
+        },
+        "scores": _scores(judged.everything, used, seed),
+        "logistic": _logistic(used, seed),
+    }  # fmt: skip
+
+
+def _scores(probability: Array, used: Campaign, seed: int) -> dict[str, Any]:
+    found = probability_intervals(used.overturned > 0, probability, used.motion_ids, seed=seed)
+    return {name: {"value": one.value, "ci95": [one.low, one.high]} for name, one in found.items()}
+
+
+def _logistic(used: Campaign, seed: int) -> dict[str, Any] | None:
+    """Scores of the curve without physics, out of fold; None where the campaign gives none."""
+    folds = min(HELD_OUT_CAUSES.folds, len(set(used.motion_ids)))
+    try:
+        curve = logistic_baseline(used, folds=folds, seed=seed)
+    except (CampaignError, MotionError, ResultError):
+        return None
+    return _scores(curve.out_of_fold, used, seed) if curve.used.all() else None
+
+
+def _corrected(
+    study: Study, rows: Sequence[Mapping[str, Any]]
+) -> tuple[Study | None, dict[str, dict[str, float]]]:
+    """The scene with its likely causes, and what was added."""
+    added = {
+        row["name"]: {
+            name: one["mean"] for name, one in row["parameters"].items() if one["mean"] is not None
+        }
+        for row in rows
+        if row["acts"] >= REPORT.likely
+    }
+    if not added:
+        return None, {}
+    try:
+        return scene_with(study, added), added
+    except ConfigError:
+        return None, added
+
+
+def _constants() -> dict[str, Any]:
+    """Tuned numbers that causes rest on, by what they are of."""
+    return {
+        "causes": asdict(CAUSES),
+        "search": asdict(SEARCH),
+        "scenes": asdict(SCENES),
+        "emulator": asdict(EMULATOR),
+        "outcomes": asdict(OUTCOMES),
+        "sampler": asdict(SAMPLER),
+        "held_out": asdict(HELD_OUT_CAUSES),
+        "report": asdict(REPORT),
+        "margin": asdict(MARGIN),
+        "logistic": asdict(LOGISTIC),
+        "reliability": asdict(RELIABILITY),
+        "simulation": asdict(SIMULATION),
+        **run_constants(),
+    }

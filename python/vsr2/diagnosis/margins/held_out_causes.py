@@ -1,0 +1,119 @@
+"""What causes take off the loss of motions that they were not inferred from."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, replace
+from itertools import combinations
+from math import factorial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.analysis.probability import outcome_loss
+from vsr2.campaign.folds import grouped_folds
+from vsr2.diagnosis.margins.acting_posterior import sample_posterior
+from vsr2.diagnosis.margins.outcome_model import OutcomeModel
+
+Array = NDArray[np.float64]
+Allowed = frozenset[str]
+
+
+@dataclass(frozen=True)
+class HeldOutConstants:
+    """How causes are judged; chosen by hand.
+
+    Attributes:
+        folds: of motions.
+        particles: of each posterior.
+        judged: causes that are judged one by one, the most probable ones.
+    """
+
+    folds: int = 10
+    particles: int = 300
+    judged: int = 4
+
+
+HELD_OUT_CAUSES = HeldOutConstants()
+
+
+def held_out_probability(model: OutcomeModel, seed: int) -> Array:
+    """Of overturning, each motion by what the outcomes of other folds tell, shape (trials,)."""
+    folds = min(HELD_OUT_CAUSES.folds, len(set(model.motions.tolist())))
+    fold = grouped_folds(model.motions, model.overturned.astype(np.float64), folds)
+    out = np.full(fold.size, np.nan)
+    for k in np.unique(fold):
+        rng = np.random.default_rng([seed, 43, int(k)])
+        seen, rest = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+        found = sample_posterior(model, seen, rng, particles=HELD_OUT_CAUSES.particles)
+        out[rest] = model.probability(found.particles, rest)
+    return out
+
+
+@dataclass(frozen=True, eq=False)
+class HeldOutCauses:
+    """Losses of motions that were not seen, by which causes may act.
+
+    Attributes:
+        causes: that are judged one by one, the most probable first.
+        probability: of overturning, shape (trials,), by which of these causes may act.
+        everything: where all effects may act, shape (trials,).
+        overturned: of each trial, shape (trials,).
+    """
+
+    causes: tuple[str, ...]
+    probability: Mapping[Allowed, Array]
+    everything: Array
+    overturned: NDArray[np.bool_]
+
+    def loss(self, allowed: Allowed) -> Array:
+        """Logarithmic loss of each trial, shape (trials,)."""
+        return outcome_loss(self.probability[allowed], self.overturned.astype(np.float64))
+
+    def everything_loss(self) -> Array:
+        """The same where all effects may act, shape (trials,)."""
+        return outcome_loss(self.everything, self.overturned.astype(np.float64))
+
+    def share(self, cause: str) -> Array:
+        """What a cause takes off each trial's loss, the mean over all orders, shape (trials,).
+
+        L. S. Shapley, "A value for n-person games", 1953.
+        """
+        others = [name for name in self.causes if name != cause]
+        out = np.zeros(self.overturned.size)
+        for size in range(len(others) + 1):
+            weight = factorial(size) * factorial(len(others) - size) / factorial(len(self.causes))
+            for before in map(frozenset, combinations(others, size)):
+                out += weight * (self.loss(before) - self.loss(before | {cause}))
+        return out
+
+
+def judge_causes(
+    model: OutcomeModel,
+    causes: Sequence[str],
+    *,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> HeldOutCauses:
+    """Losses with every choice of the causes, and with all effects.
+
+    Which causes are judged was chosen with all outcomes; whether each acts, how strongly, and the
+    scatter come from the other folds.
+
+    Args:
+        model: in which all effects may act.
+        causes: that are judged one by one.
+        seed: of all draws; choices share it.
+        progress: called with the share that is done.
+    """
+    choices = [
+        frozenset(chosen)
+        for size in range(len(causes) + 1)
+        for chosen in combinations(causes, size)
+    ]
+    found: dict[Allowed, Array] = {}
+    for k, allowed in enumerate(choices):
+        found[allowed] = held_out_probability(replace(model, allowed=allowed), seed)
+        if progress is not None:
+            progress((k + 1) / (len(choices) + 1))
+    return HeldOutCauses(tuple(causes), found, held_out_probability(model, seed), model.overturned)

@@ -1,0 +1,188 @@
+"""How likely outcomes are, given what acts in the scene.
+
+A trial overturns if its margin, less the logarithm of the factor by which the real motion is
+stronger than the scene's, is below 0. What neither scene nor emulator holds scatters it: a part is
+common to all trials of a ground motion, which differ in scale alone, and a part belongs to the
+trial. The common part is integrated out, so that nine scales of one motion do not count as nine
+witnesses (random effects; A. Gelman et al., "Bayesian Data Analysis", 3rd edition, 2013, ch. 5).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields, replace
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.analysis.overturning_margin import MARGIN
+from vsr2.diagnosis.margins.cause_space import Acts, CauseSpace
+from vsr2.diagnosis.margins.margin_emulator import MarginEmulator
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class OutcomeConstants:
+    """Priors of the outcome model; chosen by hand.
+
+    Attributes:
+        causes: expected number of effects that act.
+        strength: standard deviation of the logarithm of the motion's factor, where it acts: it is
+            a quarter, as far as the two records of a shake table part.
+        motion, trial: medians of the scatter of a motion and of a trial.
+        spread: standard deviation of the logarithms of these.
+        nodes: of the Gauss-Hermite sum over a motion's part.
+    """
+
+    causes: float = 2.0
+    strength: float = 0.25
+    motion: float = 0.1
+    trial: float = 0.08
+    spread: float = 0.7
+    nodes: int = 9
+
+
+OUTCOMES = OutcomeConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class Particles:
+    """Points of the posterior, one row each.
+
+    Attributes:
+        points: coordinates of the cause space, shape (n, coordinates).
+        acts: which effects act, and last the strength of the motion, shape (n, effects + 1).
+        nuisances: standardised, shape (n, q).
+        strength: standardised logarithm of the motion's factor, shape (n,).
+        scatter: standardised logarithms of the scatter of motions and trials, shape (n, 2).
+    """
+
+    points: Array
+    acts: Acts
+    nuisances: Array
+    strength: Array
+    scatter: Array
+
+    def __len__(self) -> int:
+        return len(self.strength)
+
+    def taken(self, rows: NDArray[np.int64] | Acts) -> Particles:
+        """Some of them."""
+        return Particles(*(getattr(self, one.name)[rows] for one in fields(self)))
+
+    def mixed(self, other: Particles, which: Acts) -> Particles:
+        """Others in some rows, shape (n,)."""
+        out = {}
+        for one in fields(self):
+            own, theirs = getattr(self, one.name), getattr(other, one.name)
+            rows = which.reshape((-1,) + (1,) * (own.ndim - 1))
+            out[one.name] = np.where(rows, theirs, own)
+        return replace(self, **out)
+
+
+@dataclass(frozen=True, eq=False)
+class OutcomeModel:
+    """Of the trials of a campaign.
+
+    Attributes:
+        space: of causes.
+        emulator: of margins; its features are those of the space, then half the nuisances.
+        overturned: of each trial, shape (trials,).
+        motions: ground motion of each trial, shape (trials,).
+        nuisances: their number.
+        allowed: names of the effects that may act, the strength of the motion by its own; None:
+            all.
+    """
+
+    space: CauseSpace
+    emulator: MarginEmulator
+    overturned: Acts
+    motions: NDArray[np.str_]
+    nuisances: int
+    allowed: frozenset[str] | None = None
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of all that may act, the strength of the motion last."""
+        return self.space.all_names
+
+    @cached_property
+    def prior(self) -> Array:
+        """Probability that each effect acts, the strength of the motion last."""
+        chance = min(OUTCOMES.causes / len(self.names), 0.5)
+        may = [self.allowed is None or name in self.allowed for name in self.names]
+        return np.where(may, chance, 0.0)
+
+    def draw(self, count: int, rng: np.random.Generator) -> Particles:
+        """Particles of the prior."""
+        return Particles(
+            self.space.draw(count, rng),
+            rng.random((count, len(self.names))) < self.prior,
+            rng.standard_normal((count, self.nuisances)),
+            rng.standard_normal(count),
+            rng.standard_normal((count, 2)),
+        )
+
+    def margins(self, given: Particles) -> tuple[Array, Array]:
+        """Mean margins with the motion's strength, and the emulator's variance.
+
+        Returns:
+            Shapes (n, trials), (n,).
+        """
+        features = self.space.features(given.points, given.acts[:, :-1])
+        mean, variance = self.emulator(np.hstack([features, emulated_nuisances(given.nuisances)]))
+        return mean - self.log_strength(given)[:, None], variance
+
+    def log_strength(self, given: Particles) -> Array:
+        """Logarithm of the factor by which the real motion is stronger, shape (n,)."""
+        return np.where(given.acts[:, -1], OUTCOMES.strength * given.strength, 0.0)
+
+    def scatter(self, given: Particles) -> tuple[Array, Array]:
+        """Standard deviations of margins by motion and by trial, shapes (n,)."""
+        factor = np.exp(OUTCOMES.spread * given.scatter)
+        return OUTCOMES.motion * factor[:, 0], OUTCOMES.trial * factor[:, 1]
+
+    def log_likelihood(self, given: Particles, rows: NDArray[np.int64]) -> Array:
+        """Of the outcomes of some trials, shape (n,)."""
+        from scipy.special import logsumexp, ndtr
+
+        mean, variance = self.margins(given)
+        by_motion, by_trial = self.scatter(given)
+        nodes, weights = np.polynomial.hermite_e.hermegauss(OUTCOMES.nodes)
+        reach = np.sqrt(by_motion**2 + variance)[:, None] * nodes
+        sign = np.where(self.overturned[rows], 1.0, -1.0)
+        deviation = (reach[:, :, None] - mean[:, None, rows]) / by_trial[:, None, None]
+        chance = (1 - MARGIN.lapse) * ndtr(sign * deviation) + 0.5 * MARGIN.lapse
+        logs = np.log(chance)
+        order, starts = self._by_motion(rows)
+        together = np.add.reduceat(logs[:, :, order], starts, axis=2)
+        mixed = logsumexp(together + np.log(weights / weights.sum())[:, None], axis=1)
+        return np.asarray(mixed.sum(axis=1))
+
+    def probability(self, given: Particles, rows: NDArray[np.int64]) -> Array:
+        """Of overturning in trials of motions that were not seen, shape (rows,)."""
+        from scipy.special import ndtr
+
+        mean, variance = self.margins(given)
+        by_motion, by_trial = self.scatter(given)
+        reach = np.sqrt(by_motion**2 + by_trial**2 + variance)[:, None]
+        chance = ndtr(-mean[:, rows] / reach).mean(axis=0)
+        return np.asarray((1 - MARGIN.lapse) * chance + 0.5 * MARGIN.lapse)
+
+    def _by_motion(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+        """Order of some trials by motion, and where each motion starts."""
+        _, group = np.unique(self.motions[rows], return_inverse=True)
+        order = np.argsort(group, kind="stable")
+        return order, np.flatnonzero(np.diff(group[order], prepend=-1))
+
+
+def emulated_nuisances(standardised: Array) -> Array:
+    """As features of an emulator: one standard deviation weighs as half the range of a cause."""
+    return 0.5 * standardised
+
+
+def acting_share(particles: Particles, names: tuple[str, ...]) -> Mapping[str, float]:
+    """Probability that each effect acts."""
+    return dict(zip(names, particles.acts.mean(axis=0).tolist(), strict=True))

@@ -1,0 +1,166 @@
+"""Scenes whose margins are sought: first from the prior, then from what the outcomes leave."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.diagnosis.margins.acting_posterior import sample_posterior
+from vsr2.diagnosis.margins.cause_space import Acts, CauseSpace, draw_scene
+from vsr2.diagnosis.margins.margin_emulator import MarginEmulator, fit_emulator
+from vsr2.diagnosis.margins.margin_search import SEARCH, scene_margins
+from vsr2.diagnosis.margins.outcome_model import OutcomeModel, emulated_nuisances
+from vsr2.diagnosis.simulated.cache import SimulationCache
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class SceneConstants:
+    """How scenes are chosen; chosen by hand.
+
+    Attributes:
+        prior: share of the scenes that come from the prior.
+        rounds: in which the others come from the posterior of the time.
+        least: scenes that an emulator needs.
+    """
+
+    prior: float = 0.5
+    rounds: int = 3
+    least: int = 24
+
+    def ends(self, scenes: int) -> list[int]:
+        """Number of scenes after the prior's, and after each round."""
+        first = max(round(self.prior * scenes), min(self.least, scenes))
+        steps = np.linspace(first, scenes, self.rounds + 1)
+        return sorted({round(float(step)) for step in steps})
+
+
+SCENES = SceneConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class SimulatedScenes:
+    """Scenes and their margins, one row each.
+
+    Attributes:
+        points: coordinates of the cause space, shape (scenes, coordinates).
+        acts: which effects act, shape (scenes, effects).
+        nuisances: standardised, shape (scenes, q).
+        margins: NaN where a simulation failed, shape (scenes, trials).
+    """
+
+    points: Array
+    acts: Acts
+    nuisances: Array
+    margins: Array
+
+    def __len__(self) -> int:
+        return len(self.points)
+
+    def joined(self, other: SimulatedScenes) -> SimulatedScenes:
+        """These and others."""
+        return SimulatedScenes(
+            np.concatenate([self.points, other.points]),
+            np.concatenate([self.acts, other.acts]),
+            np.concatenate([self.nuisances, other.nuisances]),
+            np.concatenate([self.margins, other.margins]),
+        )
+
+    def known(self) -> SimulatedScenes:
+        """Those in which half of the trials or more have a margin."""
+        kept = np.isfinite(self.margins).mean(axis=1) >= 0.5
+        return SimulatedScenes(
+            self.points[kept], self.acts[kept], self.nuisances[kept], self.margins[kept]
+        )
+
+    def emulator(self, space: CauseSpace) -> MarginEmulator:
+        """Fitted to all of them."""
+        features = space.features(self.points, self.acts)
+        return fit_emulator(np.hstack([features, emulated_nuisances(self.nuisances)]), self.margins)
+
+
+def simulate_scenes(
+    cache: SimulationCache,
+    space: CauseSpace,
+    overturned: Acts,
+    motions: NDArray[np.str_],
+    count: int,
+    *,
+    seed: int = 0,
+    progress: Callable[[float], None] | None = None,
+) -> SimulatedScenes:
+    """Margins of scenes of the prior, then of scenes in which the outcomes are likely.
+
+    An emulator is needed where the posterior lies, and there alone: the posterior of what is known
+    says where to simulate next (history matching; I. Vernon, M. Goldstein, R. G. Bower, "Galaxy
+    formation: a Bayesian uncertainty analysis", Bayesian Analysis 5, 2010).
+
+    Args:
+        cache: of simulations.
+        space: of causes.
+        overturned: outcome of each trial, shape (trials,).
+        motions: ground motion of each trial, shape (trials,).
+        count: of scenes.
+        seed: of all draws.
+        progress: called with the share of the scenes that is done.
+    """
+    ends = SCENES.ends(count)
+    pilot = min(SEARCH.pilot, ends[0])
+    done = _Simulating(cache, space, count, progress)
+    first = [draw_scene(space, row, seed) for row in range(ends[0])]
+    points = np.stack([point for point, _ in first])
+    acts = np.stack([acting for _, acting in first])
+    found = done.run(points[:pilot], acts[:pilot], np.zeros((pilot, overturned.size)))
+    guess = np.nanmedian(found.margins, axis=0)
+    rest = ends[0] - pilot
+    if rest:
+        found = found.joined(done.run(points[pilot:], acts[pilot:], np.tile(guess, (rest, 1))))
+    for start, stop in pairwise(ends):
+        rng = np.random.default_rng([seed, 42, start])
+        emulator = found.known().emulator(space)
+        model = OutcomeModel(space, emulator, overturned, motions, found.nuisances.shape[1])
+        drawn = sample_posterior(model, np.arange(overturned.size), rng).particles
+        drawn = drawn.taken(rng.choice(len(drawn), stop - start, replace=False))
+        expected = model.emulator(
+            np.hstack(
+                [
+                    space.features(drawn.points, drawn.acts[:, :-1]),
+                    emulated_nuisances(done.nuisances(start, stop)),
+                ]
+            )
+        )[0]
+        found = found.joined(done.run(drawn.points, drawn.acts[:, :-1], expected))
+    return found
+
+
+@dataclass
+class _Simulating:
+    """Runs scenes one after another; the number of a scene is that of its nuisances."""
+
+    cache: SimulationCache
+    space: CauseSpace
+    total: int
+    progress: Callable[[float], None] | None
+    done: int = 0
+
+    def nuisances(self, start: int, stop: int) -> Array:
+        draws = [self.cache.simulator.nuisance_draw(row + 1) for row in range(start, stop)]
+        return np.stack(draws)
+
+    def run(self, points: Array, acts: Acts, guess: Array) -> SimulatedScenes:
+        """Margins of further scenes, each sought from a guess, shape (scenes, trials)."""
+        start, count = self.done, len(points)
+        scenes = [(start + k + 1, self.space.effects(points[k], acts[k])) for k in range(count)]
+
+        def told(share: float) -> None:
+            if self.progress is not None:
+                self.progress((start + share * count) / self.total)
+
+        margins = scene_margins(self.cache, scenes, guess, progress=told)
+        self.done += count
+        return SimulatedScenes(points, acts, self.nuisances(start, self.done), margins)
