@@ -61,6 +61,7 @@ def test_all_verbs_are_there() -> None:
         *(
             "campaign simulate",
             "campaign compare",
+            "campaign causes",
             "campaign predict",
             "effects",
             "effects list",

@@ -6,6 +6,7 @@ import json
 import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from pathlib import Path
 
 import pytest
@@ -16,6 +17,9 @@ from diagnosis_samples import few_effects, few_simulations
 from vsr2.campaign import RunOptions, load_campaign, save_campaign, simulate_campaign
 from vsr2.cli.main import app
 from vsr2.config import load_study
+from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES
+from vsr2.diagnosis.margins.simulated_scenes import SCENES
+from vsr2.effects import library
 from vsr2.errors import BlindError, ConfigError, SimulationError
 from vsr2.simulation import Simulation
 
@@ -47,6 +51,8 @@ PACK = """
 --engine bullet --development --seed 1 --single 0 --pair 0 --unknown 0 --none 1 --trials 20
 --motions 4 --sessions 2 --catalogue 4 --quiet
 """.split()  # noqa: SIM905
+KEPT = ("table_gain", "friction", "catch")
+"""Effects that a search for causes looks for here."""
 EFFORT = ("--campaigns", 24, "--no-how-far", "--quiet", "--threads", 1)
 
 
@@ -103,6 +109,16 @@ def predicted(folder: Path, out: Path, *, effects: bool) -> object:
     return (out / "predictions.csv").read_text()
 
 
+def attributed(folder: Path, out: Path, *, effects: bool) -> object:
+    path, given = scene(folder, effects=effects), ("--scenes", SCENES.least, "--threads", 1)
+    few = replace(HELD_OUT_CAUSES, particles=20, judged=1)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("vsr2.diagnosis.margins.held_out_causes.HELD_OUT_CAUSES", few)
+        left_out = [part for name in library() if name not in KEPT for part in ("--exclude", name)]
+        run("campaign", "causes", path, folder / "campaign", "--out", out, *given, *left_out)
+    return (out / "held_out.csv").read_text()
+
+
 def calibrated(folder: Path, out: Path, *, effects: bool) -> object:
     study = scene(folder, CALIBRATION, effects=effects)
     run("calibrate", study, "--out", out, "--quiet", "--no-figures")
@@ -156,6 +172,7 @@ VERBS: dict[tuple[str, ...], Callable[..., object]] = {
     ("campaign", "simulate"): simulated,
     ("campaign", "compare"): compared,
     ("campaign", "predict"): predicted,
+    ("campaign", "causes"): attributed,
     ("calibrate",): calibrated,
     ("fragility",): fragile,
     ("config", "check"): checked,

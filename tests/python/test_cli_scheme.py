@@ -14,12 +14,14 @@ REPLACES_NOTHING = {"blind make", "blind diagnose", "blind score"}
 """A pack is made, diagnosed and scored once."""
 GOES_ON = {
     *("run", "calibrate", "fragility", "diagnose"),
-    *("campaign simulate", "campaign predict", "blind make", "blind diagnose"),
+    *("campaign simulate", "campaign causes", "campaign predict", "blind make"),
+    "blind diagnose",
 }
 """Verbs that keep unfinished work."""
 READS_A_STUDY = {
     *("run", "calibrate", "fragility", "diagnose", "config check", "blind make"),
-    *("campaign simulate", "campaign compare", "campaign predict", "config time-step"),
+    *("campaign simulate", "campaign compare", "campaign causes", "campaign predict"),
+    "config time-step",
 }
 SIMULATES = {*GOES_ON, "campaign compare", "config time-step"} - {"blind make"}
 """In threads of the core; the engines of packs are asked one trial at a time."""

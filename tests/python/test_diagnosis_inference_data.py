@@ -7,7 +7,7 @@ import sys
 import numpy as np
 import pytest
 
-from vsr2.cli.verb_diagnose import _prior
+from vsr2.cli.options import prior
 from vsr2.diagnosis import Diagnosis, LogUniform, Normal, Uniform
 from vsr2.diagnosis.simulated.library import free_parameters
 from vsr2.effects import effect, library
@@ -68,4 +68,4 @@ def test_priors_of_the_command_line_are_distributions() -> None:
         "normal:0.01:0.02": Normal(sd=0.02, mean=0.01),
     }
     for text, wanted in given.items():
-        assert _prior(f"table_gain.change={text}") == ("table_gain.change", wanted)
+        assert prior(f"table_gain.change={text}") == ("table_gain.change", wanted)

@@ -16,7 +16,10 @@ if TYPE_CHECKING:
 
     from vsr2.config import Study as StudySettings
     from vsr2.diagnosis import Nuisance
+    from vsr2.diagnosis.simulated.nuisances import Distribution
     from vsr2.results import BatchResult
+
+    Prior = Distribution | tuple[float, float]
 
 
 def _shown(default: object) -> str | None:
@@ -55,6 +58,19 @@ Nuisances = Annotated[
         name="--nuisance",
         help="standard deviation of what is uncertain of the set-up, NAME=SD, for example "
         "friction=0.05 (may be repeated; names and defaults: docs/explanation/inference.md)",
+    ),
+]
+Excluded = Annotated[
+    tuple[str, ...],
+    Parameter(name="--exclude", help="leave this effect out (may be repeated)"),
+]
+Priors = Annotated[
+    tuple[str, ...],
+    Parameter(
+        name="--prior",
+        help="another prior: its ends, EFFECT.PARAMETER=LOW:HIGH, as time_scale.change=-0.3:0.1, "
+        "or a distribution, =uniform:LOW:HIGH, =loguniform:LOW:HIGH, =normal:MEAN:SD (may be "
+        "repeated)",
     ),
 ]
 Threads = Annotated[
@@ -242,3 +258,40 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
                 f"--nuisance {text}: give NAME=SD with a number of 0 or more; names are {names}"
             ) from None
     return with_deviations(given)
+
+
+def priors(texts: tuple[str, ...]) -> dict[str, Prior]:
+    """Several of them."""
+    return dict(prior(text) for text in texts)
+
+
+def prior(text: str) -> tuple[str, Prior]:
+    """A prior of the command line, by `effect.parameter`.
+
+    Raises:
+        ConfigError: it is no prior.
+    """
+    from vsr2.diagnosis import LogUniform, Normal, Uniform
+    from vsr2.errors import ConfigError
+
+    key, _, given = text.partition("=")
+    *shape, one, other = ["", *given.split(":")]
+    try:
+        numbers = float(one), float(other)
+        if "." not in key:
+            raise ValueError
+        match shape:
+            case [""]:
+                return key, numbers
+            case ["", "uniform"]:
+                return key, Uniform(*numbers)
+            case ["", "loguniform"]:
+                return key, LogUniform(*numbers)
+            case ["", "normal"]:
+                return key, Normal(mean=numbers[0], sd=numbers[1])
+        raise ValueError
+    except ValueError:
+        raise ConfigError(
+            f"--prior {text}: give EFFECT.PARAMETER=LOW:HIGH, as time_scale.change=-0.3:0.1, or a "
+            "distribution: =uniform:LOW:HIGH, =loguniform:LOW:HIGH, =normal:MEAN:SD"
+        ) from None

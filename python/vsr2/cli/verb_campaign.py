@@ -242,6 +242,87 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
 
 @Parameter(name="*")
 @dataclass(frozen=True)
+class Attributing:
+    """How causes are sought.
+
+    Attributes:
+        out: folder for tables, the corrected scene and simulations (default: nothing is written)
+        scenes: whose margins are sought
+        seed: of all draws
+        cache: folder of simulations that other searches of the campaign share
+    """
+
+    out: Path | None = None
+    scenes: opt.Integer = 96
+    exclude: opt.Excluded = ()
+    prior: opt.Priors = ()
+    nuisance: opt.Nuisances = ()
+    seed: opt.Integer = 0
+    cache: Path | None = None
+    overwrite: opt.Overwrite = False
+    resume: opt.Resume = False
+    threads: opt.Threads = None
+    scheduler: opt.Scheduler = None
+    set: opt.Settings = ()
+    json: opt.Json = False
+    quiet: opt.Quiet = False
+
+
+ATTRIBUTING = Attributing()
+
+
+@verbs.command
+def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRIBUTING) -> int:
+    """Effects that act together in a campaign, by how strong motions must be to overturn the rock.
+
+    Draws scenes in which any effects of the library act, and seeks the factor on the motion at
+    which every trial overturns. Outcomes then say which effects act, several at once, and how
+    strongly. Each is judged on motions that it was not inferred from. docs/how-to/campaign.md
+    explains.
+
+    Args:
+        scene: study of the scene
+    """
+    from vsr2.campaign import load_campaign
+    from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache, find_causes
+    from vsr2.diagnosis.causes import FILES
+    from vsr2.report.messages.causes import causes_text
+    from vsr2.report.messages.progress_lines import ProgressLines
+
+    campaign = load_campaign(folder)
+    study = opt.scene(scene, options.set)
+    if options.out is not None:
+        opt.work_folder(options.out, FILES, "a search for causes", options)
+    with opt.cluster(options.scheduler, options.threads) as client:
+        found = find_causes(
+            campaign,
+            study,
+            out=options.out,
+            scenes=options.scenes,
+            hypotheses=Hypotheses(
+                exclude=options.exclude,
+                priors=opt.priors(options.prior),
+                nuisances=opt.nuisances(options.nuisance),
+            ),
+            execution=Execution(
+                options.threads,
+                client,
+                None if options.cache is None else ProtocolCache(options.cache),
+                report=None if options.quiet else ProgressLines("campaign causes"),
+            ),
+            seed=options.seed,
+        )
+    if options.json:
+        opt.print_json(found.content)
+    elif not options.quiet:
+        print(causes_text(found))
+        if options.out is not None:
+            print(f"wrote {options.out}")
+    return 0
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
 class Simulation:
     """How a campaign is simulated.
 

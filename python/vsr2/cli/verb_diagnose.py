@@ -18,10 +18,6 @@ if TYPE_CHECKING:
 
     from vsr2.config import Study
     from vsr2.diagnosis import Diagnosis, Execution, Hypotheses
-    from vsr2.diagnosis.simulated.nuisances import Distribution
-
-    Prior = Distribution | tuple[float, float]
-
 
 TIME = Group("Time (one of)", validator=mutually_exclusive)
 
@@ -33,10 +29,6 @@ class Question:
 
     Attributes:
         tier: information to use (default: all there is)
-        exclude: leave this effect out (may be repeated)
-        prior: another prior: its ends, EFFECT.PARAMETER=LOW:HIGH, as time_scale.change=-0.3:0.1,
-            or a distribution, =uniform:LOW:HIGH, =loguniform:LOW:HIGH, =normal:MEAN:SD (may be
-            repeated)
         reference: folder of a campaign of the same trials that is known to have no effect (may be
             repeated)
         most_effects: so many effects may act together, 1 to 4; more need more simulated campaigns
@@ -44,8 +36,8 @@ class Question:
     """
 
     tier: Tier | None = None
-    exclude: tuple[str, ...] = ()
-    prior: tuple[str, ...] = ()
+    exclude: opt.Excluded = ()
+    prior: opt.Priors = ()
     nuisance: opt.Nuisances = ()
     reference: tuple[Path, ...] = ()
     most_effects: opt.Integer = 2
@@ -173,7 +165,7 @@ def _hypotheses(question: Question) -> Hypotheses:
 
     return Hypotheses(
         exclude=question.exclude,
-        priors=dict(_prior(text) for text in question.prior),
+        priors=opt.priors(question.prior),
         nuisances=opt.nuisances(question.nuisance),
         references=[load_campaign(folder) for folder in question.reference],
         most_effects=question.most_effects,
@@ -227,29 +219,3 @@ def _write(found: Diagnosis, study: Study, folder: Path, effort: Effort) -> None
     write_diagnosis_page(found, folder)
     if effort.posterior_draws:
         write_draws(found, study, folder, effort.posterior_draws)
-
-
-def _prior(text: str) -> tuple[str, Prior]:
-    from vsr2.diagnosis import LogUniform, Normal, Uniform
-
-    key, _, given = text.partition("=")
-    *shape, one, other = ["", *given.split(":")]
-    try:
-        numbers = float(one), float(other)
-        if "." not in key:
-            raise ValueError
-        match shape:
-            case [""]:
-                return key, numbers
-            case ["", "uniform"]:
-                return key, Uniform(*numbers)
-            case ["", "loguniform"]:
-                return key, LogUniform(*numbers)
-            case ["", "normal"]:
-                return key, Normal(mean=numbers[0], sd=numbers[1])
-        raise ValueError
-    except ValueError:
-        raise ConfigError(
-            f"--prior {text}: give EFFECT.PARAMETER=LOW:HIGH, as time_scale.change=-0.3:0.1, or a "
-            "distribution: =uniform:LOW:HIGH, =loguniform:LOW:HIGH, =normal:MEAN:SD"
-        ) from None

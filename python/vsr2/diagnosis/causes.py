@@ -24,7 +24,7 @@ from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
 from vsr2.diagnosis.corrected import CORRECTED_FILE, scene_head, scene_with
 from vsr2.diagnosis.how_far.ensemble_losses import interval, resampled_means, share_of_gap
-from vsr2.diagnosis.margins.acting_posterior import SAMPLER, sample_posterior
+from vsr2.diagnosis.margins.acting_posterior import SAMPLER, Posterior, sample_posterior
 from vsr2.diagnosis.margins.cause_space import CAUSES, GAIN, NOT_JUDGED, cause_space
 from vsr2.diagnosis.margins.held_out_causes import (
     HELD_OUT_CAUSES,
@@ -45,9 +45,9 @@ from vsr2.diagnosis.prediction import PREDICTION
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.library import Library, is_angle, turn_of
+from vsr2.diagnosis.simulated.library import free_parameters, is_angle, turn_of
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
-from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES
+from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.simulated.simulator import SIMULATION
 from vsr2.effects import Parameter
 from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
@@ -206,39 +206,16 @@ def find_causes(
     study = scene if isinstance(scene, Study) else load_study(scene)
     folder = None if out is None else made_folder(Path(out))
     simulator = simulator_of(used, study, hypotheses, execution, seed)
-    if GAIN not in simulator.library:
-        raise DiagnosisError(f"hypotheses: margins need the effect {GAIN}; leave it in the library")
-    space = cause_space(simulator.library, simulator.excluded)
-    if not space.names:
-        raise DiagnosisError("no effect is left to look for: exclude fewer")
-
-    def report(stage: Stage, share: float) -> None:
-        if execution.report is not None:
-            execution.report(Progress(stage, share))
-
-    overturned, motions = used.overturned > 0, np.asarray(used.motion_ids)
-    path = None if folder is None else folder / SIMULATIONS
-    if execution.cache is not None:
-        path = made_folder(execution.cache.folder) / SIMULATIONS
-    with SimulationCache(simulator, path, chunk=PREDICTION.chunk) as cache:
-        found = simulate_scenes(
-            cache, space, overturned, motions, scenes, seed=seed,
-            progress=lambda share: report(Stage.MARGINS, share),
-        )  # fmt: skip
-        counts = {"asked": cache.asked, "simulated": cache.simulated, "reused": cache.reused}
-    known = found.known()
-    emulator = known.emulator(space)
-    model = OutcomeModel(space, emulator, overturned, motions, len(simulator.nuisance_names))
+    model, work = _modelled(used, simulator, folder, scenes, execution, seed)
     rng = np.random.default_rng([seed, 44])
-    posterior = sample_posterior(model, np.arange(overturned.size), rng)
-    acting = sorted(acting_share(posterior.particles, model.names).items(), key=lambda one: -one[1])
+    posterior = sample_posterior(model, np.arange(len(used)), rng)
+    acting = acting_share(posterior.particles, model.names)
+    likeliest = sorted(acting, key=lambda name: -acting[name])
     judged = judge_causes(
-        model, [name for name, _ in acting[: HELD_OUT_CAUSES.judged]], seed=seed,
-        progress=lambda share: report(Stage.JUDGEMENT, share),
+        model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
+        progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
     )  # fmt: skip
-    rows = [
-        _cause(model, posterior.particles, name, acts, simulator.library) for name, acts in acting
-    ]
+    rows = [_cause(model, posterior.particles, name, acting[name]) for name in likeliest]
     corrected, stated = _corrected(study, rows)
     content = {
         "format": "vsr2 causes",
@@ -247,18 +224,8 @@ def find_causes(
         "trials": len(used),
         "left_out": len(given) - len(used),
         "motions": len(set(used.motion_ids)),
-        "causes": rows,
-        "named": [row["name"] for row in rows if row["acts"] >= REPORT.named],
-        "together": _together(posterior.particles, model.names),
-        "log_evidence": posterior.log_evidence,
-        "motion_stronger_by": _stronger(model, posterior.particles),
-        "scatter": {
-            name: _summary(values)
-            for name, values in zip(
-                ("motion", "trial"), model.scatter(posterior.particles), strict=True
-            )
-        },
-        "emulator": _quality(emulator, len(found)),
+        **_inferred(model, posterior, rows),
+        "emulator": _quality(model.emulator, work["scenes"]),
         "held_out": _held_out(judged, used, seed),
         "corrected": stated,
         "not_judged": dict(NOT_JUDGED),
@@ -266,8 +233,7 @@ def find_causes(
         "unavailable": {name: str(error) for name, error in simulator.unavailable.items()},
         "provenance": base_provenance() | {
             "seed": seed,
-            "scenes": scenes,
-            "simulations": counts,
+            **work,
             "simulator": simulator.identity,
             "nuisances": [one.to_json() for one in simulator.nuisances],
             "constants": _constants(),
@@ -281,6 +247,40 @@ def find_causes(
     if folder is not None:
         result.save(folder)
     return result
+
+
+def _report(execution: Execution, stage: Stage, share: float) -> None:
+    if execution.report is not None:
+        execution.report(Progress(stage, share))
+
+
+def _modelled(
+    used: Campaign,
+    simulator: SceneSimulator,
+    folder: Path | None,
+    scenes: int,
+    execution: Execution,
+    seed: int,
+) -> tuple[OutcomeModel, dict[str, Any]]:
+    """Margins of scenes, an emulator of them, the model of outcomes, and what was simulated."""
+    if GAIN not in simulator.library:
+        raise DiagnosisError(f"hypotheses: margins need the effect {GAIN}; leave it in the library")
+    space = cause_space(simulator.library, simulator.excluded)
+    if not space.names:
+        raise DiagnosisError("no effect is left to look for: exclude fewer")
+    overturned, motions = used.overturned > 0, np.asarray(used.motion_ids)
+    path = None if folder is None else folder / SIMULATIONS
+    if execution.cache is not None:
+        path = made_folder(execution.cache.folder) / SIMULATIONS
+    with SimulationCache(simulator, path, chunk=PREDICTION.chunk) as cache:
+        found = simulate_scenes(
+            cache, space, overturned, motions, scenes, seed=seed,
+            progress=lambda share: _report(execution, Stage.MARGINS, share),
+        )  # fmt: skip
+        asked = cache.asked
+    emulator = found.known().emulator(space)
+    model = OutcomeModel(space, emulator, overturned, motions, len(simulator.nuisance_names))
+    return model, {"scenes": scenes, "simulations": asked}
 
 
 def _check(used: Campaign, scenes: int, seed: int) -> None:
@@ -314,33 +314,42 @@ def _stronger(model: OutcomeModel, particles: Particles) -> dict[str, Any]:
     return _summary(np.expm1(model.log_strength(particles)))
 
 
-def _cause(
-    model: OutcomeModel, particles: Particles, name: str, acts: float, library: Library
+def _inferred(
+    model: OutcomeModel, posterior: Posterior, rows: list[dict[str, Any]]
 ) -> dict[str, Any]:
+    """What the outcomes of all trials tell."""
+    particles = posterior.particles
+    scatter = zip(("motion", "trial"), model.scatter(particles), strict=True)
+    return {
+        "causes": rows,
+        "named": [row["name"] for row in rows if row["acts"] >= REPORT.named],
+        "together": _together(particles, model.names),
+        "log_evidence": posterior.log_evidence,
+        "motion_stronger_by": _stronger(model, particles),
+        "scatter": {name: _summary(values) for name, values in scatter},
+    }
+
+
+def _cause(model: OutcomeModel, particles: Particles, name: str, acts: float) -> dict[str, Any]:
     """An effect: probability, and parameters where it acts."""
     own = particles.taken(particles.acts[:, model.names.index(name)])
     parameters: dict[str, Any] = {}
     if len(own):
-        for parameter, values in _values(model, own, name, library):
+        for parameter, values in _values(model, own, name):
             parameters[parameter.name] = {"unit": parameter.unit} | (
                 _direction(parameter, values) if is_angle(parameter) else _endless(values)
             )
     return {"name": name, "acts": acts, "parameters": parameters}
 
 
-def _values(
-    model: OutcomeModel, own: Particles, name: str, library: Library
-) -> list[tuple[Parameter, Array]]:
-    effect = library[name]
+def _values(model: OutcomeModel, own: Particles, name: str) -> list[tuple[Parameter, Array]]:
+    """Free parameters of an effect, each with its values, shape (n,)."""
+    effect = model.space.library[name]
     if name == GAIN:
         return [(effect.parameters[0], np.expm1(model.log_strength(own)))]
     rows = np.array([model.space.values(name, point) for point in own.points])
-    free = {one.parameter.name for one in model.space.coordinates if one.parameter.prior != "fixed"}
-    return [
-        (p, rows[:, k])
-        for k, p in enumerate(effect.parameters)
-        if p.name in free and p.prior != "fixed" and p.lower < p.upper
-    ]
+    names = [p.name for p in effect.parameters]
+    return [(p, rows[:, names.index(p.name)]) for p in free_parameters(effect)]
 
 
 def _endless(values: Array) -> dict[str, Any]:
@@ -380,7 +389,6 @@ def _quality(emulator: MarginEmulator, scenes: int) -> dict[str, Any]:
     """How well the emulator knows a scene that it did not see."""
     errors, expected = emulator.left_out()
     varied = np.ptp(emulator.deviations, axis=0) > 0
-    relative = errors / expected[:, None]
     return {
         "scenes": scenes,
         "used": len(errors),

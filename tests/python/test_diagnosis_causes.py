@@ -1,0 +1,162 @@
+"""Causes of a campaign by margins, from a scene to tables, in Python and on the command line."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from command_line import run
+from planted import shaken_campaign
+from vsr2.campaign import Campaign, save_campaign
+from vsr2.config import load_study, study_from_mapping
+from vsr2.diagnosis import Execution, Hypotheses, find_causes
+from vsr2.diagnosis.causes import FILES
+from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES
+from vsr2.diagnosis.margins.simulated_scenes import SCENES
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import Request
+from vsr2.effects import library
+from vsr2.errors import DiagnosisError
+from vsr2.report.messages.causes import causes_text
+
+BOX = {
+    "name": "box",
+    "engine": {"mode": "fast"},
+    "rock": {"shape": "box", "size": [0.4, 0.55, 0.95], "density": 2700.0},
+    "motion": {"mode": "all_recordings", "folder": "."},
+    "outcome": {"tail": 1.0},
+}
+OFFERED = {name: library()[name] for name in ("table_gain", "edge_rounding", "friction_rate")}
+ASKED = Hypotheses(library=OFFERED, contact_family=())
+PLANTED = {"edge_rounding": (0.012,)}
+
+
+def scene():
+    return study_from_mapping(BOX, base=Path())
+
+
+@pytest.fixture(scope="module", autouse=True)
+def few_particles():
+    """Enough for what is asked here, at a tenth of the time."""
+    with pytest.MonkeyPatch.context() as patch:
+        few = replace(HELD_OUT_CAUSES, particles=40, folds=4)
+        patch.setattr("vsr2.diagnosis.margins.held_out_causes.HELD_OUT_CAUSES", few)
+        yield
+
+
+@pytest.fixture(scope="module")
+def campaign() -> Campaign:
+    """Outcomes of a block with rounded edges, under draws that no search has."""
+    shaken = shaken_campaign(8, 4, duration=1.0, pga_g=(0.5, 1.1), session_size=8)
+    truth = SceneSimulator(shaken, scene(), hypotheses=ASKED, seed=77)
+    acting = tuple(PLANTED.items())
+    ends = truth.run([Request(i, acting, 3, 1) for i in range(len(shaken))]).overturned
+    trials = [replace(t, overturned=bool(e)) for t, e in zip(shaken.trials, ends, strict=True)]
+    return replace(shaken, trials=tuple(trials))
+
+
+@pytest.fixture(scope="module")
+def found(campaign, tmp_path_factory):
+    folder = tmp_path_factory.mktemp("causes")
+    result = find_causes(
+        campaign, scene(), out=folder, scenes=SCENES.least, hypotheses=ASKED,
+        execution=Execution(threads=1),
+    )  # fmt: skip
+    return result, folder
+
+
+def test_the_planted_cause_leads_and_its_size_is_held(campaign, found) -> None:
+    result, _ = found
+    assert 0.2 < np.mean(campaign.overturned) < 0.8
+    acting = result.acting
+    assert set(acting) == set(OFFERED)
+    # A rounded edge, or a stronger motion: 32 outcomes tell them hardly apart, but from friction.
+    assert acting["edge_rounding"] > acting["friction_rate"]
+    assert max(acting["edge_rounding"], acting["table_gain"]) > 0.5
+    rounding = {row["name"]: row for row in result.content["causes"]}["edge_rounding"]
+    low, high = rounding["parameters"]["radius"]["interval"]
+    assert low < 0.012 < high
+    assert rounding["parameters"]["radius"]["unit"] == "m"
+    sets = result.content["together"]
+    assert sum(one["probability"] for one in sets) == pytest.approx(1.0)
+    waterfall = result.content["held_out"]["waterfall"]
+    assert len(waterfall) == 4
+    assert "edge_rounding" in causes_text(result)
+
+
+def test_threads_and_what_is_there_change_no_byte(campaign, found, tmp_path) -> None:
+    result, folder = found
+    (tmp_path / "again").mkdir()
+    kept = (folder / "simulations.jsonl").read_bytes()
+    half = kept[: len(kept) // 2].rsplit(b"\n", 1)[0] + b"\n"
+    (tmp_path / "again" / "simulations.jsonl").write_bytes(half)
+    again = find_causes(
+        campaign, scene(), out=tmp_path / "again", scenes=SCENES.least, hypotheses=ASKED,
+        execution=Execution(threads=2),
+    )  # fmt: skip
+    first, second = (json.loads(one.to_json()) for one in (result, again))
+    for content in (first, second):
+        for volatile in ("created", "time", "host", "command"):
+            content["provenance"].pop(volatile, None)
+    assert first == second
+    for name in ("causes.csv", "held_out.csv"):
+        assert (folder / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
+
+
+def test_the_corrected_scene_can_be_run_and_searched_again(found) -> None:
+    result, folder = found
+    likely = {name for name, acts in result.acting.items() if acts >= 0.5}
+    assert set(result.content["corrected"]) == likely
+    study = load_study(folder / "corrected.yaml", check_files=False)
+    assert set(study.effects) == likely
+
+
+def test_the_verb_writes_what_the_function_does(campaign, tmp_path, capsys) -> None:
+    few = campaign.select(np.arange(len(campaign)) % 4 < 2)
+    save_campaign(few, tmp_path / "campaign")
+    study = tmp_path / "box.yaml"
+    study.write_text(
+        json.dumps({**BOX, "motion": {"mode": "all_recordings", "folder": "campaign/motions"}})
+    )
+    names = [name for name in library() if name not in OFFERED]
+    excluded = [part for name in names for part in ("--exclude", name)]
+    run(
+        "campaign", "causes", study, tmp_path / "campaign", "--out", tmp_path / "out",
+        "--scenes", str(SCENES.least), "--threads", "2", "--json", "--quiet", *excluded,
+    )  # fmt: skip
+    content = json.loads(capsys.readouterr().out)
+    assert {row["name"] for row in content["causes"]} == set(OFFERED)
+    assert content == json.loads((tmp_path / "out" / "causes.json").read_text())
+    assert {path.name for path in (tmp_path / "out").iterdir()} <= set(FILES)
+
+
+def test_what_cannot_be_asked_is_refused_before_any_simulation(campaign) -> None:
+    with pytest.raises(DiagnosisError, match=f"scenes is 3; give {SCENES.least} or more"):
+        find_causes(campaign, scene(), scenes=3)
+    with pytest.raises(DiagnosisError, match="seed is -1"):
+        find_causes(campaign, scene(), seed=-1)
+    standing = replace(
+        campaign, trials=tuple(replace(t, overturned=False) for t in campaign.trials)
+    )
+    with pytest.raises(DiagnosisError, match="none overturned; causes need both kinds"):
+        find_causes(standing, scene())
+    fallen = replace(campaign, trials=tuple(replace(t, overturned=True) for t in campaign.trials))
+    with pytest.raises(DiagnosisError, match="none stood"):
+        find_causes(fallen, scene())
+    one = campaign.select(np.asarray(campaign.motion_ids) == campaign.motion_ids[0])
+    outcomes = [i % 2 == 0 for i in range(len(one))]
+    mixed = replace(
+        one,
+        trials=tuple(replace(t, overturned=o) for t, o in zip(one.trials, outcomes, strict=True)),
+    )
+    with pytest.raises(DiagnosisError, match="has one ground motion"):
+        find_causes(mixed, scene())
+    with pytest.raises(DiagnosisError, match="margins need the effect table_gain"):
+        find_causes(campaign, scene(), hypotheses=Hypotheses(library={"wear": library()["wear"]}))
+    alone = Hypotheses(library={"table_gain": library()["table_gain"]})
+    with pytest.raises(DiagnosisError, match="no effect is left"):
+        find_causes(campaign, scene(), hypotheses=alone)

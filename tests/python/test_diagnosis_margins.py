@@ -1,0 +1,298 @@
+"""What acts by margins: coordinates, the search, the emulator, likelihood, and the sampler."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from itertools import combinations
+
+import numpy as np
+import pytest
+from scipy.special import ndtr
+
+from vsr2.analysis.overturning_margin import MARGIN
+from vsr2.diagnosis.margins import held_out_causes
+from vsr2.diagnosis.margins.acting_posterior import sample_posterior
+from vsr2.diagnosis.margins.cause_space import NOT_JUDGED, cause_space, draw_scenes
+from vsr2.diagnosis.margins.held_out_causes import HeldOutCauses, held_out_probability
+from vsr2.diagnosis.margins.margin_emulator import EMULATOR, _loss, fit_emulator
+from vsr2.diagnosis.margins.margin_search import SEARCH, search_margins
+from vsr2.diagnosis.margins.outcome_model import (
+    OUTCOMES,
+    OutcomeModel,
+    Particles,
+    acting_share,
+    emulated_nuisances,
+)
+from vsr2.effects import library
+
+# --- coordinates ----------------------------------------------------------------------------------
+
+
+def test_a_point_where_nothing_acts_has_no_features_and_no_effects() -> None:
+    space = cause_space(library())
+    rng = np.random.default_rng(0)
+    points = space.draw(50, rng)
+    nothing = np.zeros((50, len(space.names)), dtype=bool)
+    assert not space.features(points, nothing).any()
+    assert space.effects(points[0], nothing[0]) == ()
+    assert len(space.feature_names) == space.features(points, ~nothing).shape[1]
+    assert set(space.names) & set(NOT_JUDGED) == set()
+
+
+def test_values_lie_in_their_priors_and_reach_their_ends() -> None:
+    space = cause_space(library())
+    points = space.draw(400, np.random.default_rng(1))
+    for name in space.names:
+        rows = np.array([space.values(name, point) for point in points])
+        for k, p in enumerate(space.library[name].parameters):
+            if p.prior == "fixed":
+                continue
+            own = rows[:, k][rows[:, k] != p.null]
+            assert (own >= p.lower - 1e-12).all(), p.name
+            assert (own <= p.upper + 1e-12).all(), p.name
+            low, high = (p.ppf(q) for q in (0.1, 0.9))
+            assert own.max() > low, p.name
+            assert own.min() < high, p.name
+        assert all(
+            len(effects) == 1 for effects in [space.effects(points[0], rows_on(space, name))]
+        )
+
+
+def rows_on(space, name):
+    return np.array([other == name for other in space.names])
+
+
+def test_every_effect_moves_features_of_its_own_alone() -> None:
+    space = cause_space(library())
+    points = space.draw(30, np.random.default_rng(2))
+    owner = np.array([label.partition(".")[0] for label in space.feature_names])
+    for name in space.names:
+        acts = np.tile(rows_on(space, name), (30, 1))
+        features = space.features(points, acts)
+        assert features[:, owner == name].any(), name
+        assert not features[:, owner != name].any(), name
+
+
+def test_scenes_can_be_drawn_alone_and_the_first_is_nominal() -> None:
+    space = cause_space(library())
+    points, acts = draw_scenes(space, range(40), 3)
+    again = draw_scenes(space, [17], 3)
+    np.testing.assert_array_equal(again[0][0], points[17])
+    np.testing.assert_array_equal(again[1][0], acts[17])
+    assert not acts[0].any()
+    assert acts[1:].any(axis=0).all(), "each effect acts somewhere"
+
+
+# --- search ---------------------------------------------------------------------------------------
+
+
+def searched(margins, guess):
+    """Found margins of rocks with known ones, and how often each was shaken."""
+    shaken = np.zeros(margins.size, dtype=int)
+
+    def overturns(rows, logs):
+        np.add.at(shaken, rows, 1)
+        return np.where(np.isnan(margins.ravel()[rows]), np.nan, logs > margins.ravel()[rows])
+
+    return search_margins(overturns, guess), shaken.reshape(margins.shape)
+
+
+@pytest.mark.parametrize("guess", [-1.0, 0.0, 0.31, 1.0])
+def test_margins_are_found_from_any_guess(guess) -> None:
+    margins = np.random.default_rng(4).normal(0.0, 0.7, (20, 15))
+    found, shaken = searched(margins, np.full(margins.shape, guess))
+    clipped = np.clip(margins, -SEARCH.reach, SEARCH.reach)
+    assert np.abs(found - clipped).max() <= 0.5 * SEARCH.width + 1e-12
+    # Eight doublings and halvings reach any place from anywhere.
+    assert shaken.max() <= 10
+
+
+def test_what_always_stands_is_shaken_once_where_that_is_known() -> None:
+    found, shaken = searched(np.full((1, 4), 3.0), np.ones((1, 4)))
+    assert (found == SEARCH.reach).all()
+    assert (shaken == 1).all()
+
+
+def test_a_simulation_that_fails_leaves_no_margin() -> None:
+    found, _ = searched(np.array([[0.2, np.nan]]), np.zeros((1, 2)))
+    assert np.isfinite(found[0, 0])
+    assert np.isnan(found[0, 1])
+
+
+# --- emulator -------------------------------------------------------------------------------------
+
+
+def quadratic(features):
+    """Margins of three trials, with a square and a product."""
+    x, y = features[:, 0], features[:, 1]
+    return np.stack([0.3 * x + 0.1 * y, 0.2 - 0.4 * x * y, 0.2 * y**2 - 0.3 * x], axis=1)
+
+
+@pytest.fixture(scope="module")
+def emulator():
+    features = np.random.default_rng(5).uniform(-1, 1, (80, 6))
+    return fit_emulator(features, quadratic(features))
+
+
+def test_an_emulator_learns_squares_and_products(emulator) -> None:
+    features = np.random.default_rng(6).uniform(-1, 1, (200, 6))
+    mean, variance = emulator(features)
+    errors = mean - quadratic(features)
+    # The least noise of the fit is exp(-4) = 0.018; its mean error is a part of that.
+    assert np.sqrt((errors**2).mean()) < 0.01
+    assert (variance >= emulator.noise**2).all()
+    used, idle = emulator.weights[:2], emulator.weights[2:]
+    assert idle.max() < 0.05 * used.min()
+
+
+def test_errors_of_scenes_left_out_are_those_of_a_fit_without_them() -> None:
+    rng = np.random.default_rng(7)
+    features = rng.uniform(-1, 1, (12, 2))
+    margins = quadratic(features) + 0.05 * rng.standard_normal((12, 3))
+    whole = fit_emulator(features, margins)
+    errors, deviation = whole.left_out()
+    rest = np.arange(12) != 3
+    covariance = np.linalg.inv(whole.inverse)
+    inverse = np.linalg.inv(covariance[np.ix_(rest, rest)])
+    crossed = covariance[3, rest]
+    expected = crossed @ inverse @ whole.deviations[rest]
+    np.testing.assert_allclose(errors[3], whole.deviations[3] - expected, atol=1e-9)
+    variance = covariance[3, 3] - crossed @ inverse @ crossed
+    assert deviation[3] == pytest.approx(np.sqrt(variance))
+
+
+def test_the_gradient_of_the_emulator_s_loss() -> None:
+    rng = np.random.default_rng(8)
+    features, margins = rng.standard_normal((15, 4)), rng.standard_normal((15, 6))
+    squares, logs = margins @ margins.T, rng.normal(-1.5, 0.3, 7)
+    gradient = _loss(logs, features, squares, 6)[1]
+    for k in range(7):
+        step = 1e-6 * np.eye(7)[k]
+        ends = [_loss(logs + sign * step, features, squares, 6)[0] for sign in (1, -1)]
+        assert gradient[k] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-4, abs=1e-4)
+
+
+def test_a_failed_margin_counts_as_the_mean(emulator) -> None:
+    features = np.random.default_rng(5).uniform(-1, 1, (80, 6))
+    margins = quadratic(features)
+    margins[4, 1] = np.nan
+    assert np.isfinite(fit_emulator(features, margins)(features)[0]).all()
+    assert EMULATOR.steps > 1
+
+
+# --- likelihood and sampler -----------------------------------------------------------------------
+
+NAMES = ("slenderness", "friction")
+
+
+def toy(overturned, motions, emulator=None, **changes) -> OutcomeModel:
+    """Trials whose margins grow with slenderness and not with friction."""
+    space = replace(cause_space(library()), names=NAMES)
+    overturned = np.asarray(overturned, dtype=bool)
+    if emulator is None:
+        rng = np.random.default_rng(9)
+        points = space.draw(60, rng)
+        acts = rng.random((60, 2)) < 0.7
+        nuisances = rng.standard_normal((60, 1))
+        features = np.hstack([space.features(points, acts), emulated_nuisances(nuisances)])
+        offsets = np.linspace(-0.4, 0.4, overturned.size)
+        emulator = fit_emulator(features, offsets + 0.5 * features[:, :1])
+    return OutcomeModel(space, emulator, overturned, np.asarray(motions), 1, **changes)
+
+
+def at(space, slenderness, *, acts=True, scatter=(0.0, 0.0)) -> Particles:
+    point = np.zeros((1, len(space.coordinates)))
+    point[0, 0] = slenderness
+    on = np.array([[acts, False, False]])
+    return Particles(point, on, np.zeros((1, 1)), np.zeros(1), np.array([scatter]))
+
+
+def test_a_trial_of_its_own_motion_has_the_probability_of_a_normal_margin() -> None:
+    model = toy([True, False, True], ["a", "b", "c"])
+    given = at(model.space, 0.3)
+    mean, variance = model.margins(given)
+    spread = np.sqrt(OUTCOMES.motion**2 + OUTCOMES.trial**2 + variance[0])
+    chance = (1 - MARGIN.lapse) * ndtr(-mean[0] / spread) + 0.5 * MARGIN.lapse
+    np.testing.assert_allclose(model.probability(given, np.arange(3)), chance, rtol=1e-12)
+    expected = np.log(chance[0]) + np.log(1 - chance[1]) + np.log(chance[2])
+    # Nine nodes integrate a normal probability over a normal to some 1e-3.
+    assert model.log_likelihood(given, np.arange(3))[0] == pytest.approx(expected, abs=5e-3)
+
+
+def test_trials_of_one_motion_are_not_witnesses_of_their_own() -> None:
+    alone, together = (toy([True] * 3, motions) for motions in (["a", "b", "c"], ["a"] * 3))
+    given = at(alone.space, -0.6, scatter=(3.0, 0.0))
+    rows = np.arange(3)
+    # Their common part makes equal outcomes likelier.
+    assert together.log_likelihood(given, rows)[0] > alone.log_likelihood(given, rows)[0] + 0.1
+    order = np.array([2, 0, 1])
+    assert together.log_likelihood(given, order)[0] == pytest.approx(
+        together.log_likelihood(given, rows)[0]
+    )
+
+
+def test_a_stronger_motion_takes_its_logarithm_off_all_margins() -> None:
+    model = toy([True, False], ["a", "b"])
+    plain = at(model.space, 0.0)
+    acts = plain.acts.copy()
+    acts[0, -1] = True
+    strong = replace(plain, acts=acts, strength=np.ones(1))
+    shift = model.margins(plain)[0] - model.margins(strong)[0]
+    np.testing.assert_allclose(shift, OUTCOMES.strength)
+    assert model.log_strength(plain)[0] == 0
+
+
+def test_evidence_and_what_acts_are_those_of_a_sum_over_the_prior() -> None:
+    """By plain Monte Carlo over the prior, which few parameters and outcomes allow."""
+    outcomes = np.arange(8) < 1
+    model = toy(outcomes, [f"m{i}" for i in range(8)])
+    rows, rng = np.arange(8), np.random.default_rng(10)
+    drawn = model.draw(40_000, rng)
+    weight = np.exp(model.log_likelihood(drawn, rows))
+    expected = weight @ drawn.acts / weight.sum()
+    found = [sample_posterior(model, rows, np.random.default_rng(seed)) for seed in range(4)]
+    acting = np.mean([one.particles.acts.mean(axis=0) for one in found], axis=0)
+    # 2,400 particles, of which some hundreds are independent: 0.03 is a standard deviation.
+    np.testing.assert_allclose(acting, expected, atol=0.09)
+    evidence = np.mean([one.log_evidence for one in found])
+    assert evidence == pytest.approx(np.log(weight.mean()), abs=0.1)
+    assert expected[0] > model.prior[0] + 0.05, "outcomes say that slenderness acts"
+    assert abs(expected[1] - model.prior[1]) < 0.05, "and nothing of friction"
+
+
+def test_what_may_not_act_does_not() -> None:
+    model = toy(np.arange(6) < 3, [f"m{i}" for i in range(6)], allowed=frozenset({"friction"}))
+    found = sample_posterior(model, np.arange(6), np.random.default_rng(11))
+    share = acting_share(found.particles, model.names)
+    assert share["slenderness"] == 0
+    assert share["table_gain"] == 0
+    assert share["friction"] > 0
+    none = replace(model, allowed=frozenset())
+    particles = sample_posterior(none, np.arange(6), np.random.default_rng(11)).particles
+    assert not particles.acts.any()
+
+
+def test_a_motion_is_predicted_by_the_others_alone(monkeypatch) -> None:
+    rng = np.random.default_rng(12)
+    motions = np.repeat([f"m{i}" for i in range(6)], 4)
+    fold = np.repeat([0, 1, 2], 8)
+    monkeypatch.setattr(held_out_causes, "grouped_folds", lambda *_: fold)
+    outcomes = rng.random(24) < 0.4
+    model = toy(outcomes, motions)
+    found = held_out_probability(model, 0)
+    assert ((found > 0) & (found < 1)).all()
+    other = np.where(motions == "m2", ~outcomes, outcomes)
+    changed = held_out_probability(replace(model, overturned=other), 0)
+    np.testing.assert_array_equal(changed[fold == 1], found[fold == 1])
+    assert (changed[fold != 1] != found[fold != 1]).all()
+
+
+def test_shares_sum_to_what_all_causes_take_off() -> None:
+    rng = np.random.default_rng(13)
+    overturned = rng.random(30) < 0.5
+    names = ("a", "b", "c")
+    sets = [frozenset(chosen) for k in range(4) for chosen in combinations(names, k)]
+    told = {one: rng.uniform(0.1, 0.9, 30) for one in sets}
+    judged = HeldOutCauses(names, told, rng.uniform(0.1, 0.9, 30), overturned)
+    total = sum(judged.share(name) for name in names)
+    np.testing.assert_allclose(total, judged.loss(frozenset()) - judged.loss(frozenset(names)))
