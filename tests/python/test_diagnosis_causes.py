@@ -21,7 +21,7 @@ from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import library
 from vsr2.errors import DiagnosisError
-from vsr2.report.messages.causes import causes_text
+from vsr2.report.messages.found_causes import causes_text
 
 BOX = {
     "name": "box",

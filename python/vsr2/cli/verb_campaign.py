@@ -286,7 +286,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache, find_causes
     from vsr2.diagnosis.causes import FILES
-    from vsr2.report.messages.causes import causes_text
+    from vsr2.report.messages.found_causes import causes_text
     from vsr2.report.messages.progress_lines import ProgressLines
 
     campaign = load_campaign(folder)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
+from enum import StrEnum
 from functools import cached_property
 from types import MappingProxyType
 from typing import Final
@@ -26,15 +27,25 @@ Array = NDArray[np.float64]
 Acts = NDArray[np.bool_]
 GAIN: Final = "table_gain"
 """Needs no simulation: a motion that is stronger by a factor takes its logarithm off the margin."""
+
+
+class NotJudged(StrEnum):
+    """Why no margin of a scene shows an effect."""
+
+    DIFFERS_BY_TRIAL = "differs_by_trial"
+    ON_PART_OF_TRIALS = "on_part_of_trials"
+    NOTED_ALONE = "noted_alone"
+
+
 NOT_JUDGED: Final = MappingProxyType(
     {
-        "placement": "differs from trial to trial, as the scatter of margins does",
-        "session": "acts on a part of the trials",
-        "change_point": "acts on a part of the trials",
-        "outcome_rule": "changes what is noted, not what happens",
+        "placement": NotJudged.DIFFERS_BY_TRIAL,
+        "session": NotJudged.ON_PART_OF_TRIALS,
+        "change_point": NotJudged.ON_PART_OF_TRIALS,
+        "outcome_rule": NotJudged.NOTED_ALONE,
     }
 )
-"""Effects that no margin of a scene shows, and why."""
+"""Effects that margins do not show: scatter does; or the effect changes what is noted alone."""
 
 
 @dataclass(frozen=True)

@@ -157,10 +157,10 @@ class _Simulating:
         start, count = self.done, len(points)
         scenes = [(start + k + 1, self.space.effects(points[k], acts[k])) for k in range(count)]
 
-        def told(share: float) -> None:
+        def report(share: float) -> None:
             if self.progress is not None:
                 self.progress((start + share * count) / self.total)
 
-        margins = scene_margins(self.cache, scenes, guess, progress=told)
+        margins = scene_margins(self.cache, scenes, guess, progress=report)
         self.done += count
         return SimulatedScenes(points, acts, self.nuisances(start, self.done), margins)
