@@ -8,7 +8,6 @@ import re
 import subprocess
 import sys
 from collections.abc import Iterator
-from importlib import import_module
 from pathlib import Path
 
 import pytest
@@ -192,26 +191,3 @@ def test_stubs_are_up_to_date() -> None:
         env=os.environ | {"VSR2_VENV": sys.prefix},
     )
     assert check.returncode == 0, f"run ./scripts/stubs.sh\n{check.stdout}{check.stderr}"
-
-
-RESTED_ON = {
-    "simulation.run_constants.run_constants": ("scene", "motion", "effects"),
-    "diagnosis.constants.diagnosis_constants": ("diagnosis", "scene", "motion", "effects"),
-}
-"""Rooms on whose tuned numbers a run and a diagnosis rest, by the function that gathers them."""
-
-
-@pytest.mark.parametrize("gatherer", RESTED_ON)
-def test_a_result_states_every_constant_that_it_rests_on(gatherer: str) -> None:
-    module, _, name = gatherer.rpartition(".")
-    gathered = getattr(import_module(f"vsr2.{module}"), name)
-    stated = {frozenset(one) for one in gathered().values()}
-    # `campaign predict` and `campaign compare` state theirs; stability takes its own as arguments.
-    elsewhere = {"PredictionConstants", "ReferenceConstants", "StabilityConstants"}
-    for path in MODULES:
-        if path.relative_to(PACKAGE).parts[0] not in RESTED_ON[gatherer]:
-            continue
-        for node in ast.parse(path.read_text()).body:
-            if isinstance(node, ast.ClassDef) and node.name.endswith("Constants"):
-                fields = {one.target.id for one in node.body if isinstance(one, ast.AnnAssign)}
-                assert fields in stated or node.name in elsewhere, f"{path}: {node.name}"

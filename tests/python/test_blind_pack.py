@@ -36,7 +36,10 @@ from vsr2.campaign import (
     load_campaign,
 )
 from vsr2.config import Study, load_study
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
+from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
 from vsr2.errors import BlindError
+from vsr2.simulation.run_constants import run_constants
 
 
 def test_a_commitment_is_the_hash_of_salt_and_key() -> None:
@@ -86,8 +89,10 @@ def test_the_constants_that_a_pack_rests_on_are_sealed(quick, study, tmp_path) -
         "mechanisms": MECHANISMS, "mujoco_hull": HULL, "mujoco_model": MODEL,
         "mujoco_rough_base": ROUGH_BASE, "mujoco_table": TABLE, "mujoco_trial": TRIAL,
         "bullet": BULLET, "recording": RECORDING, "making": make_module.MAKING,
+        "hypotheses": HYPOTHESIS, "motion_noise": MOTION_NOISE,
     }  # fmt: skip
-    assert sealed == json.loads(json.dumps({k: dataclasses.asdict(v) for k, v in used.items()}))
+    stated = {k: dataclasses.asdict(v) for k, v in used.items()} | run_constants()
+    assert sealed == json.loads(json.dumps(stated))
 
 
 def test_campaigns_of_a_protocol_share_their_motions(quick, study, tmp_path) -> None:

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsr2.analysis.bootstrap import Interval, classification_intervals
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.campaign import Campaign, intensity_measures, motion_folds
 from vsr2.errors import ResultError
@@ -201,7 +202,7 @@ def baseline_scores(
     *,
     folds: int = 10,
     seed: int = 0,
-    replicates: int = 2000,
+    replicates: int = INTERVALS.replicates,
 ) -> list[BaselineScore]:
     """The logistic curve (out of fold and in sample) and peers' predictions, scored alike.
 

@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.calibration.objective import Objective
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
 from vsr2.config.motion_source import AllRecordings
@@ -154,7 +155,7 @@ class CalibrationSettings(Section):
     """How the best values are sought."""
     folds: Annotated[int, Strict(), Field(ge=0, le=1000), TEN_FOLDS] = 10
     """Folds by motion, each judged with values chosen without it; 0: in sample alone."""
-    resamples: Annotated[int, Strict(), Field(ge=100, le=100_000), RESAMPLES] = 2000
+    resamples: Annotated[int, Strict(), Field(ge=100, le=100_000), RESAMPLES] = INTERVALS.replicates
     """Bootstrap replicates over motions."""
     replicates: Annotated[int, Strict(), Field(ge=1, le=99), EXACT_START] = 1
     """Simulations of each trial under each set. 1: one, as the study has it. More: each draws

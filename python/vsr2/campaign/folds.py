@@ -136,9 +136,7 @@ def _even_out(
             return
 
 
-def motion_resamples(
-    motions: ArrayLike, replicates: int = 2000, seed: int = 0
-) -> NDArray[np.int32]:
+def motion_resamples(motions: ArrayLike, replicates: int, seed: int = 0) -> NDArray[np.int32]:
     """How often each trial stands in each bootstrap replicate over motions.
 
     A replicate draws as many motions as there are, with replacement, each with all its trials.

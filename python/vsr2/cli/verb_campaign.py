@@ -137,7 +137,7 @@ def compare(
     """
     from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Hypotheses
-    from vsr2.diagnosis.reference_campaign import REFERENCE, compare_reference
+    from vsr2.diagnosis.reference_campaign import compare_reference, reference_constants
     from vsr2.report.messages.commands import reference_table
 
     study = opt.scene(scene, set)
@@ -149,7 +149,7 @@ def compare(
         seed=seed,
     )
     if json:
-        opt.print_json({"constants": REFERENCE, "measures": found})
+        opt.print_json({"constants": reference_constants(), "measures": found})
     else:
         print(reference_table(found))
     return int(any(one.differs for one in found))

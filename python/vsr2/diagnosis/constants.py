@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from vsr2.analysis.intervals import INTERVALS
+from vsr2.analysis.probability import RELIABILITY
 from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
 from vsr2.diagnosis.how_far.waterfall import WATERFALL
@@ -57,6 +59,8 @@ def diagnosis_constants() -> dict[str, dict[str, Any]]:
         "scan": asdict(SCAN),
         "held_out": asdict(HELD_OUT),
         "waterfall": asdict(WATERFALL),
+        "intervals": asdict(INTERVALS),
+        "reliability": asdict(RELIABILITY),
         "measurement": asdict(MEASUREMENT),
         "limits": asdict(LIMITS),
         **run_constants(),

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.intervals import Score
+from vsr2.analysis.ranks import RANKS
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, scene_simulator
+from vsr2.diagnosis.constants import diagnosis_constants
 from vsr2.diagnosis.coverage.coverage_scores import (
     LEVELS,
     CoverageScores,
@@ -26,6 +28,7 @@ from vsr2.diagnosis.coverage.coverage_scores import (
 from vsr2.diagnosis.coverage.judged import Judged, judge_planted
 from vsr2.diagnosis.coverage.planted_campaigns import Planted, draw_planted
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.pipeline import Progress, Report, Stage
 from vsr2.diagnosis.posterior.calibration import CALIBRATION
 from vsr2.diagnosis.posterior.discrepancy import Disturbance
@@ -256,7 +259,9 @@ def check_with(
         campaigns = _simulated(store, found, chosen, (most, seed), report)
         simulated = store.simulated
     features = _noted(seen, found, campaigns, seed + 1)
-    outcomes, noted = disturbed(campaigns.overturned, features, np.random.default_rng([seed, 63]))
+    outcomes, noted = disturbed(
+        campaigns.overturned, features, generator(seed, Stream.PLANTED_COPIES)
+    )
     judged = tuple(
         judge_planted(posterior, chosen, outcomes, noted, excluded=known["excluded"], seed=seed)
     )
@@ -269,9 +274,15 @@ def check_with(
             "seed": seed,
             "campaigns": posterior.campaigns,
             "excluded": list(known["excluded"]),
+            "constants": check_constants(),
             "simulated_in_this_run": simulated,
         },
     )
+
+
+def check_constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers that a check rests on, by what they are of."""
+    return {"ranks": asdict(RANKS), **diagnosis_constants()}
 
 
 def _finished(folder: Path) -> Mapping[str, Any]:

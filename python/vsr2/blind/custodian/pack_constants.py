@@ -16,6 +16,9 @@ from vsr2.blind.mujoco.mujoco_effects import ROUGH_BASE
 from vsr2.blind.mujoco.mujoco_trial import TRIAL
 from vsr2.blind.mujoco.rigid_body import HULL
 from vsr2.blind.mujoco.step_actions import MECHANISMS
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
+from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
+from vsr2.simulation.run_constants import run_constants
 
 
 def pack_constants(making: dict[str, Any]) -> dict[str, dict[str, Any]]:
@@ -37,4 +40,7 @@ def pack_constants(making: dict[str, Any]) -> dict[str, dict[str, Any]]:
         "mujoco_trial": asdict(TRIAL),
         "bullet": asdict(BULLET),
         "recording": asdict(RECORDING),
+        "hypotheses": asdict(HYPOTHESIS),
+        "motion_noise": asdict(MOTION_NOISE),
+        **run_constants(),
     }

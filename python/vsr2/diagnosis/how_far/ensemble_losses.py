@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis import overturning_probability
+from vsr2.analysis.intervals import INTERVALS
 
 Array = NDArray[np.float64]
 
@@ -78,10 +79,6 @@ def by_kind(scores: Array) -> Array:
     return np.asarray(out)
 
 
-CI95 = (0.025, 0.975)
-"""Quantiles at the ends of a 95 % interval."""
-
-
 @dataclass(frozen=True)
 class Interval:
     """An estimate with its 95 % interval; NaN where it does not exist."""
@@ -99,7 +96,7 @@ class Interval:
 
 def interval(values: Array) -> Interval:
     """The first value, and the 95 % interval of the others."""
-    low, high = np.quantile(values[1:], CI95)
+    low, high = np.quantile(values[1:], INTERVALS.ends)
     return Interval(float(values[0]), float(low), float(high))
 
 

@@ -21,6 +21,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.probability import outcome_loss
 from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
@@ -32,6 +33,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     share_of_gap,
 )
 from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.training import Posterior
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.library import free_parameters
@@ -65,7 +67,7 @@ class HeldOutConstants:
     neighbours: int = 8
     nuisances: int = 500
     replicate: int = 2
-    resamples: int = 2000
+    resamples: int = INTERVALS.replicates
     rescaling: float = 2.0
     least_probability: float = 1e-3
 
@@ -311,7 +313,7 @@ def _dealt(
     """Loss where every trial gets the change of another one of like intensity."""
     from scipy.special import expit, logit
 
-    rng = np.random.default_rng([seed, 51])
+    rng = generator(seed, Stream.DEALT)
     start = logit(before.probability)
     change = logit(after.probability) - start
     with np.errstate(invalid="ignore"):

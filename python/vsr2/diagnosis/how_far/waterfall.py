@@ -32,6 +32,7 @@ from vsr2.diagnosis.how_far.held_out import (
     simulated_loss,
 )
 from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.training import Found, Posterior, train
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.campaigns import Campaigns
@@ -240,7 +241,7 @@ def _drawn_sets(
         most=full.posterior.sets.most, seed=seed,
     )  # fmt: skip
     found = part.infer(seen.overturned[own], seen.features[own], full.excluded)
-    rng = np.random.default_rng([seed, 61])
+    rng = generator(seed, Stream.WATERFALL)
     chosen = rng.choice(found.probability.size, HELD_OUT.members, p=found.probability)
     library = part.parameters.library
     held = part.sets.members[chosen]

@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
 from vsr2.diagnosis.observed.features import Feature, FeatureChannel, Phase
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.motion import Record
 
 Array = NDArray[np.float64]
@@ -171,7 +172,7 @@ def table_residuals(campaign: Campaign, *, null: int, seed: int = 0) -> TableRes
     index = np.array([names.index(name) for name in files])
     value, noise = np.moveaxis(found, 2, 0)
     error = np.hypot(noise, TABLE.calibration)
-    rng = np.random.default_rng([seed, 8])
+    rng = generator(seed, Stream.TABLE_MOTION)
     drawn = noise * rng.standard_normal((null, *value.shape))
     drawn += TABLE.calibration * rng.standard_normal((null, 1, len(TABLE_FEATURES)))
     return TableResiduals(

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.calibration import Levels, Logs, calibrate, pooled
 from vsr2.diagnosis.posterior.discrepancy import Disturbance
 from vsr2.diagnosis.posterior.goodness_of_fit import (
@@ -194,7 +195,7 @@ def train(
     features = seen.noted(overturned, campaigns.peak_tilt, campaigns.features, seed)
     plain = campaigns.gap_free
     disturbed = Disturbance.of(overturned[plain], features[plain], seen.motion[trials])
-    rng = np.random.default_rng([seed, 32])
+    rng = generator(seed, Stream.COPIES)
     copies = [(overturned, features)] + [
         disturbed(overturned, features, rng) for _ in range(TRAINING.copies)
     ]
@@ -237,7 +238,7 @@ def _networks(
     """Networks of each fold, and what they make of the campaigns that they did not see."""
     count, effects = truth.acting.shape
     everything = np.ones((count, effects), dtype=bool)
-    rng = np.random.default_rng([seed, 33])
+    rng = generator(seed, Stream.LACKING)
     lacking = _own_left_out(truth, rng)
     out = tuple(np.zeros((TRAINING.seeds, count, len(truth.sets))) for _ in range(2))
     networks: list[Network] = []

@@ -9,6 +9,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.library import (
     Library,
@@ -192,11 +193,11 @@ def draw_set(
         most: effects that may act together.
     """
     names = [name for name in library if name not in insensitive(library, limits)]
-    rng = np.random.default_rng([seed, 22, index])
+    rng = generator(seed, Stream.CAUSES, index)
     kind = rng.random()
     if not names or kind < SET_PRIOR.none:
         return ()
-    deck = np.random.default_rng([seed, 23, index // len(names)]).permutation(len(names))
+    deck = generator(seed, Stream.DECK, index // len(names)).permutation(len(names))
     chosen = [int(deck[index % len(names)])]
     ends = np.cumsum(SET_PRIOR.sizes(most))
     for _ in range(min(int((kind > ends[1:-1]).sum()), len(names) - 1)):
