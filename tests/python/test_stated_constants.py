@@ -143,3 +143,25 @@ def test_modules_that_a_function_imports_count() -> None:
     found = imports_of("vsr2.simulation.batch")
     assert "vsr2.effects.standing" in found, "by a room's name for it"
     assert "vsr2.diagnosis.api" not in found
+
+
+def test_constants_share_no_name() -> None:
+    """Neither the name of their value nor that of their class stands for anything else."""
+    owners: dict[str, set[str]] = {}
+    chosen: set[str] = set()
+    for module in modules():
+        for node in ast.parse(file_of(module).read_text()).body:
+            targets: list[ast.expr] = []
+            if isinstance(node, ast.Assign):
+                targets = [one for target in node.targets for one in ast.walk(target)]
+            names = [one.id for one in targets if isinstance(one, ast.Name)]
+            if isinstance(node, ast.AnnAssign) and isinstance(node.target, ast.Name):
+                names = [node.target.id]
+            if isinstance(node, ast.ClassDef):
+                names = [node.name]
+            for name in names:
+                owners.setdefault(name, set()).add(module)
+        found = constants_of(module)
+        chosen |= {name.rpartition(".")[2] for name in found}
+        chosen |= {type(value).__name__ for value in found.values()}
+    assert {name: owners[name] for name in chosen if len(owners[name]) > 1} == {}

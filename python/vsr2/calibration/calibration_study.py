@@ -20,9 +20,9 @@ from vsr2.config.problems import shown
 from vsr2.config.schema import extended_schema
 from vsr2.config.section import FilePath, NonNegative, Real, Section
 from vsr2.config.sources import (
-    DESIGN,
     EXACT_START,
     OFF,
+    POWER_OF_TWO,
     PROFILE,
     REFINE,
     RESAMPLES,
@@ -115,7 +115,7 @@ class Joint(Section):
     """All parameters together: a design that fills the ranges, then proposals of a search."""
 
     kind: Literal["joint"]
-    design: Annotated[int, Strict(), Field(ge=2, le=100_000), DESIGN] = 64
+    design: Annotated[int, Strict(), Field(ge=2, le=100_000), POWER_OF_TWO] = 64
     """Parameter sets that fill the ranges evenly, which know no outcomes and serve all folds."""
     sets: Annotated[tuple[dict[Name, Value], ...], Field(max_length=10_000)] = ()
     """Further sets to try, such as starts that statics suggests; parameters that one leaves out

@@ -242,7 +242,7 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Simulation:
+class Simulating:
     """How a campaign is simulated.
 
     Attributes:
@@ -264,7 +264,7 @@ class Simulation:
     quiet: opt.Quiet = False
 
 
-SIMULATION = Simulation()
+SIMULATING = Simulating()
 
 
 class NoiseOptions(MeasurementNoise):
@@ -296,7 +296,7 @@ def simulate(
     /,
     *,
     out: Destination,
-    options: Simulation = SIMULATION,
+    options: Simulating = SIMULATING,
     noise: Noise = NO_NOISE,
 ) -> int:
     """Make a campaign out of a study.
@@ -333,7 +333,7 @@ def simulate(
 
 
 def _simulated(
-    study: Study, dest: Path, checkpoint: Path, options: Simulation, noise: MeasurementNoise
+    study: Study, dest: Path, checkpoint: Path, options: Simulating, noise: MeasurementNoise
 ) -> Campaign:
     from vsr2.campaign import RunOptions, load_campaign, simulate_campaign
     from vsr2.results import has_journal, prepare_folder

@@ -13,8 +13,8 @@ from vsr2.diagnosis.how_far.waterfall import WATERFALL
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.observed.features import SERIES
 from vsr2.diagnosis.observed.observations import OBSERVED
-from vsr2.diagnosis.observed.table_motion import TABLE
-from vsr2.diagnosis.posterior.calibration import CALIBRATION
+from vsr2.diagnosis.observed.table_motion import TABLE_MOTION
+from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
 from vsr2.diagnosis.posterior.goodness_of_fit import LIBRARY_FIT
 from vsr2.diagnosis.posterior.naming import NAMING
@@ -39,7 +39,7 @@ def diagnosis_constants() -> dict[str, dict[str, Any]]:
     return {
         "observed": asdict(OBSERVED),
         "series": asdict(SERIES),
-        "table_motion": asdict(TABLE),
+        "table_motion": asdict(TABLE_MOTION),
         "schedule": asdict(SCHEDULE),
         "simulation": asdict(SIMULATION),
         "look": asdict(LOOK),
@@ -51,7 +51,7 @@ def diagnosis_constants() -> dict[str, dict[str, Any]]:
         "network": asdict(NETWORK),
         "prior": asdict(PRIOR),
         "training": asdict(TRAINING),
-        "calibration": asdict(CALIBRATION),
+        "calibration": asdict(CALIBRATED),
         "parameters": asdict(PARAMETERS),
         "library_fit": asdict(LIBRARY_FIT),
         "naming": asdict(NAMING),

@@ -30,7 +30,7 @@ from vsr2.diagnosis.coverage.planted_campaigns import Planted, draw_planted
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
 from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.pipeline import Progress, Report, Stage
-from vsr2.diagnosis.posterior.calibration import CALIBRATION
+from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.posterior.discrepancy import Disturbance
 from vsr2.diagnosis.posterior.files import load_posterior
 from vsr2.diagnosis.protocol_cache import ProtocolCache
@@ -91,7 +91,7 @@ class PosteriorCheck(OneLine):
                 for one in (*together, *scores.parameters)
             ],
             "causes": {
-                "level": CALIBRATION.coverage,
+                "level": CALIBRATED.coverage,
                 **_score("held", scores.causes),
                 "size": scores.set_size,
             },

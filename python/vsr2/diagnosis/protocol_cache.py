@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vsr2.diagnosis.observed.features import Sampling
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.posterior.calibration import CALIBRATION
+from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
 from vsr2.diagnosis.posterior.goodness_of_fit import LIBRARY_FIT
 from vsr2.diagnosis.posterior.naming import NAMING
@@ -59,7 +59,7 @@ class ProtocolCache:
         """
         digest = hashlib.blake2b(digest_size=8)
         constants = (
-            SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATION,
+            SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATED,
             PARAMETERS, SET_PRIOR,
         )  # fmt: skip
         parts = (

@@ -60,7 +60,7 @@ _LOST, _COMPLETE = 1, 2
 """What a journal holds of a trial: a row whose log is lost, or all of it."""
 _ROW_BYTES = 256
 """Least size of a trial's row, in the journal and in the table."""
-OBSERVED = tuple(field.name for field in fields(Observation))
+OBSERVED_COLUMNS = tuple(field.name for field in fields(Observation))
 """Columns of what is written down of a trial, which effects on the outcome change."""
 
 _logger = logging.getLogger(__name__)
@@ -304,7 +304,7 @@ def observed(trial: Trial, row: Mapping[str, Any]) -> Mapping[str, Any]:
     rules = [applied for applied in trial.effects if applied.effect.stage == "outcome"]
     if not rules or row["outcome"] == Outcome.failed:
         return row
-    observation = Observation(**{key: row[key] for key in OBSERVED})
+    observation = Observation(**{key: row[key] for key in OBSERVED_COLUMNS})
     for rule in rules:
         observation = rule.effect.observe(observation, dict(rule.values))
     return {**row, **asdict(observation)}

@@ -41,7 +41,7 @@ from vsr2.scene import (
 )
 from vsr2.scene.rotation import multiply
 from vsr2.scene.shapes import hull_surface
-from vsr2.simulation.batch import OBSERVED, run_batch
+from vsr2.simulation.batch import OBSERVED_COLUMNS, run_batch
 from vsr2.simulation.simulation import Simulation
 from vsr2.trial import Observation, Trial
 
@@ -171,7 +171,7 @@ class EffectBench(Bench):
             raise SimulationError(f"bench: the trial ended with status {why}")
         log = result.logs[0]
         assert log is not None
-        return _response(log, Observation(**{key: result[key][0] for key in OBSERVED}))
+        return _response(log, Observation(**{key: result[key][0] for key in OBSERVED_COLUMNS}))
 
     def release(self, trial: Trial, tilt: float, duration: float, *, spin: float = 0.0) -> Response:
         """Free motion from a tilt [rad] for a time [s], with a spin [rad/s]."""

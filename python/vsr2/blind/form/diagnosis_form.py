@@ -31,7 +31,7 @@ from vsr2.errors import BlindError
 
 DIAGNOSIS_FILE = "diagnosis.json"
 FAILED_FILE = "failed.json"
-NAMING: Mapping[VerdictKind, tuple[int, float]] = {
+NAMED_COUNTS: Mapping[VerdictKind, tuple[int, float]] = {
     VerdictKind.EFFECT: (1, 1),
     VerdictKind.CLASS: (1, float("inf")),
     VerdictKind.PAIR: (2, float("inf")),
@@ -164,7 +164,7 @@ class _Verdict(Part):
 
     @model_validator(mode="after")
     def _check_count(self) -> _Verdict:
-        check_count(self.effects, self.kind, NAMING.get(self.kind, (0, float("inf"))))
+        check_count(self.effects, self.kind, NAMED_COUNTS.get(self.kind, (0, float("inf"))))
         return self
 
 
