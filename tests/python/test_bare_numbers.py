@@ -59,7 +59,7 @@ UNTUNED: dict[str, set[str]] = {
         "diagnosis/simulated/cache.py:CHUNK", "fragility/fit.py:_CHUNK",
         "motion/sample_spline.py:BLOCK",
         "results/batch_table.py:_BLOCK", "scene/placement.py:_PAIRS",
-        "simulation/batch.py:_ROW_BYTES", "simulation/estimate.py:CELL_BYTES",
+        "simulation/planning.py:ROW_BYTES",
     },
 }  # fmt: skip
 """Numbers that may stand at a module's top, by what they are."""

@@ -25,6 +25,7 @@ from vsr2.effects import Bench, Effect, Response, with_effects
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, cosine_motion
 from vsr2.results import JUDGED, Outcome, TrialLog
+from vsr2.results.trial_log import ANGULAR_VELOCITY, EXCURSION_COLUMNS, VELOCITY
 from vsr2.scene import (
     Box,
     Hull,
@@ -192,7 +193,7 @@ class EffectBench(Bench):
             state = simulation.step(0.0)
             assert state is not None
             rows.append(state)
-            pitch.append(simulation.excursion[2])
+            pitch.append(simulation.excursion[EXCURSION_COLUMNS.index("pitch")])
         tilts = np.array([_tilt(upright, state.body_orientation) for state in rows])
         names = ("time", "position", "velocity", "angular_velocity")
         series = {name: np.array([getattr(state, name) for state in rows]) for name in names}
@@ -217,10 +218,10 @@ def _response(log: TrialLog, observation: Observation) -> Response:
         time=log.time[shaken],
         tilt=log.tilt[shaken],
         position=log.position[shaken],
-        velocity=np.column_stack([log.column(f"rock_v{axis}")[shaken] for axis in "xyz"]),
-        angular_velocity=np.column_stack([log.column(f"rock_w{axis}")[shaken] for axis in "xyz"]),
+        velocity=log.state[shaken, VELOCITY],
+        angular_velocity=log.state[shaken, ANGULAR_VELOCITY],
         pedestal=log.column("pedestal_position")[shaken],
-        pitch=log.excursions[shaken, 2] if len(log.excursions) else np.zeros(int(shaken.sum())),
+        pitch=log.pedestal_pitch[shaken],
         observation=observation,
     )
 
