@@ -149,7 +149,13 @@ def test_definitions_avoid_words_that_the_field_does_not_use() -> None:
 
 
 def test_no_two_modules_share_a_name() -> None:
-    stems = [p.stem for p in MODULES if p.stem != "__init__"]
+    """Of the package, and of what stands beside it: an import or a word of it means one file."""
+    beside = [
+        path
+        for folder in ("studies", "benchmarks", "scripts", "models", "configs", "tests")
+        for path in (ROOT / folder).rglob("*.py")
+    ]
+    stems = [p.stem for p in (*MODULES, *beside) if p.stem not in ("__init__", "__main__")]
     assert {stem for stem in stems if stems.count(stem) > 1} == set()
 
 

@@ -20,7 +20,7 @@ LIMIT = re.compile(r"_?(MAX|MIN|LONGEST)_")
 """Names of limits beyond which an input is refused."""
 UNTUNED: dict[str, set[str]] = {
     "form of a file": {
-        "blind/custodian/make.py:FORM", "blind/form/seal.py:SALT_BYTES",
+        "blind/custodian/pack_making.py:FORM", "blind/form/seal.py:SALT_BYTES",
         "blind/form/seal.py:_MADE", "diagnosis/corrected.py:DIGITS",
         "diagnosis/posterior/files.py:FORMAT", "diagnosis/simulated/cache.py:KEY",
         "motion/peer.py:_HEADER_LINES", "motion/recording.py:_LABORATORY_COLUMNS",

@@ -14,7 +14,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-import vsr2.blind.custodian.make as make_module
+import vsr2.blind.custodian.pack_making as make_module
 from blind_samples import SCENE, SMALL, QuickEngine, make, protocol, same_folders
 from vsr2.blind import PackSettings, make_pack
 from vsr2.blind.custodian.bullet_engine import BULLET_ENGINE

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis_samples import linear, linear_rehearsal, quick_training
-from planar.library import PLANAR_LIBRARY
+from planar.planar_library import PLANAR_LIBRARY
 from planted import shaken_campaign
 from vsr2.analysis.probability import outcome_loss
 from vsr2.diagnosis.how_far import held_out as module

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from command_line import run
-from planar.simulator import PlanarSimulator
+from planar.planar_simulator import PlanarSimulator
 from planted import observe, shaken_campaign
 from vsr2.campaign import Campaign, RunOptions, load_campaign, save_campaign, simulate_campaign
 from vsr2.config import load_study

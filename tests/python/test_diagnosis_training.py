@@ -9,7 +9,7 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from diagnosis_samples import NAMES, linear, linear_rehearsal, quick_training
-from planar.library import PLANAR_LIBRARY
+from planar.planar_library import PLANAR_LIBRARY
 from planted import first
 from vsr2.diagnosis import ProtocolCache
 from vsr2.diagnosis.observed.observations import Observations
