@@ -137,17 +137,6 @@ def test_no_drawers() -> None:
     assert not names & {"utils", "util", "helpers", "misc", "common"}
 
 
-def test_definitions_avoid_words_that_the_field_does_not_use() -> None:
-    retired = {
-        "strangers", "noticed", "placebo", "verge", "stray", "bent", "anew", "foretold", "told",
-        "mates", "whole", "shared", "dropped", "places", "orders", "cargo", "workshop",
-    }  # fmt: skip
-    for path in MODULES:
-        for node in ast.walk(ast.parse(path.read_text())):
-            if isinstance(node, ast.FunctionDef | ast.ClassDef):
-                assert not retired & set(node.name.lower().split("_")), f"{path}: {node.name}"
-
-
 def test_no_two_modules_share_a_name() -> None:
     """Of the package, and of what stands beside it: an import or a word of it means one file."""
     beside = [

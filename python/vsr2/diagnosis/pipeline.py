@@ -228,8 +228,8 @@ def _responding(found: Look, name: str, trials: int) -> NDArray[np.int64]:
     if not found.responding.size:
         raise DiagnosisError(
             f"campaign {name!r}: none of its {trials} trials lifts off in the scene, so that no "
-            "cause can be told from another; drive the trials more strongly, or correct the scene "
-            "(size of the rock, motions and their units)"
+            "cause can be distinguished from another; drive the trials more strongly, or correct "
+            "the scene (size of the rock, motions and their units)"
         )
     return found.responding
 

@@ -25,7 +25,7 @@ from vsr2.view.replay import Replay
 class LiveView:
     """Serves the present state of a simulation to any number of browsers.
 
-    Tilt is told from the pose that the rock had when the view was made. As a context manager it
+    Tilt is measured from the pose that the rock had when the view was made. As a context manager it
     stops at the end.
 
     Args:

@@ -16,7 +16,7 @@ class Stream(IntEnum):
     """What a stream is drawn for."""
 
     LOCATIONS = 5
-    """Outcomes dealt anew over trials, against which conditions are judged."""
+    """Outcomes dealt again over trials, against which conditions are judged."""
     TABLE_MOTION = 8
     """Noise of the table's motion where nothing is wrong with it."""
     LOOK = 21
