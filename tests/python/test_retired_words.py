@@ -1,4 +1,4 @@
-"""Words of a private vocabulary that the field does not use stay out of code, prose and messages."""
+"""Words of a private vocabulary, which the field does not use, stay out of code and prose."""
 
 from __future__ import annotations
 
@@ -12,9 +12,22 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 FOLDERS = ("python", "cpp", "studies", "benchmarks", "docs", "scripts", "configs", "models")
 ENDS = {
-    ".py", ".cpp", ".hpp", ".md", ".rst", ".toml", ".yaml", ".jinja", ".html", ".sh", ".pyi",
-    ".css", ".js", ".ipynb", ".json",
-}  # fmt: skip
+    ".py",
+    ".pyi",
+    ".cpp",
+    ".hpp",
+    ".md",
+    ".rst",
+    ".toml",
+    ".yaml",
+    ".j2",
+    ".html",
+    ".sh",
+    ".css",
+    ".js",
+    ".ipynb",
+    ".json",
+}
 RETIRED = (
     "strangers", "noticed", "placebo", "verge", "stray", "bent", "anew", "foretold", "told",
     "mates", "cargo", "workshop",
