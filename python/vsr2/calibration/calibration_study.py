@@ -12,6 +12,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
+from vsr2.analysis.baseline import LOGISTIC
 from vsr2.analysis.intervals import INTERVALS
 from vsr2.calibration.objective import Objective
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
@@ -57,7 +58,7 @@ class CalibrationConstants:
 
     first_deviation: float = 0.2
     cells: int = 7
-    baseline_folds: int = 10
+    baseline_folds: int = LOGISTIC.folds
 
 
 CALIBRATION = CalibrationConstants()

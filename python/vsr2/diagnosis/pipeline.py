@@ -35,6 +35,7 @@ from vsr2.diagnosis.simulated.campaigns import (
     plain_campaigns,
     simulate_campaigns,
 )
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import Look, look
@@ -98,7 +99,7 @@ class Question:
     excluded: tuple[str, ...] = ()
     references: tuple[Campaign, ...] = ()
     seed: int = 0
-    most_effects: int = 2
+    most_effects: int = HYPOTHESIS.usual_effects
     waterfall: bool = False
 
 

@@ -41,7 +41,7 @@ from vsr2.diagnosis.simulated.campaigns import (
     plain_campaigns,
     simulate_campaigns,
 )
-from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS, Hypotheses
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import Look, look
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES
@@ -220,7 +220,7 @@ def check_with(
     *,
     cache: ProtocolCache,
     planted: int,
-    most: int = 2,
+    most: int = HYPOTHESIS.usual_effects,
     report: Report | None = None,
 ) -> PosteriorCheck:
     """Check a posterior with any simulator of the trials.

@@ -76,7 +76,7 @@ class PredictionConstants:
 
     replicates: int = 16
     chunk: int = 128
-    folds: int = 10
+    folds: int = LOGISTIC.folds
     reach: float = 1.0
     halvings: int = 6
 

@@ -18,6 +18,7 @@ from vsr2.diagnosis.posterior.summaries import SUMMARY
 from vsr2.diagnosis.posterior.training import TRAINING
 from vsr2.diagnosis.posterior.truth import PRIOR
 from vsr2.diagnosis.simulated.campaigns import SET_PRIOR
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 
 SIMULATIONS, POSTERIORS = "simulations.jsonl", "posterior-*.npz"
 
@@ -46,7 +47,12 @@ class ProtocolCache:
         return self.folder / SIMULATIONS
 
     def posterior(
-        self, identity: str, seen: Observations, campaigns: int, seed: int, most: int = 2
+        self,
+        identity: str,
+        seen: Observations,
+        campaigns: int,
+        seed: int,
+        most: int = HYPOTHESIS.usual_effects,
     ) -> Path:
         """File of the posterior trained for a simulator and what a campaign measures.
 

@@ -26,6 +26,7 @@ from vsr2.diagnosis.posterior.sets import Sets
 from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries
 from vsr2.diagnosis.posterior.truth import PRIOR, Truth, left_out_together
 from vsr2.diagnosis.simulated.campaigns import Campaigns
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import Library
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 
@@ -177,7 +178,7 @@ def train(
     library: Library,
     trials: NDArray[np.int64],
     *,
-    most: int = 2,
+    most: int = HYPOTHESIS.usual_effects,
     seed: int = 0,
 ) -> Posterior:
     """Train on simulated campaigns.

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import (
     Library,
     Side,
@@ -181,7 +182,7 @@ def draw_set(
     limits: Mapping[tuple[str, Side], Limit],
     index: int,
     seed: int,
-    most: int = 2,
+    most: int = HYPOTHESIS.usual_effects,
 ) -> tuple[Acting, ...]:
     """What acts in a campaign, each effect about as often.
 
@@ -216,7 +217,7 @@ def simulate_campaigns(
     trials: NDArray[np.int64],
     rows: Sequence[int],
     *,
-    most: int = 2,
+    most: int = HYPOTHESIS.usual_effects,
     seed: int = 0,
 ) -> Campaigns:
     """Simulate complete campaigns, each with nuisances and a contact model of its own.
