@@ -80,7 +80,7 @@ def by_kind(scores: Array) -> Array:
 
 
 @dataclass(frozen=True)
-class Interval:
+class LossInterval:
     """An estimate with its 95 % interval; NaN where it does not exist."""
 
     value: float
@@ -94,16 +94,16 @@ class Interval:
         return {"value": self.value, "ci95": [self.low, self.high]}
 
 
-def interval(values: Array) -> Interval:
+def interval(values: Array) -> LossInterval:
     """The first value, and the 95 % interval of the others."""
     low, high = np.quantile(values[1:], INTERVALS.ends)
-    return Interval(float(values[0]), float(low), float(high))
+    return LossInterval(float(values[0]), float(low), float(high))
 
 
-def share_of_gap(part: Array, gap: Array) -> Interval:
+def share_of_gap(part: Array, gap: Array) -> LossInterval:
     """A difference of mean losses over the gap, of equal replicates; NaN where there is no gap."""
     if gap[0] <= 0:
-        return Interval(np.nan, np.nan, np.nan)
+        return LossInterval(np.nan, np.nan, np.nan)
     return interval(part / np.maximum(gap, 1e-9))
 
 

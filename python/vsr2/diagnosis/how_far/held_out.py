@@ -25,7 +25,7 @@ from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.probability import outcome_loss
 from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
-    Interval,
+    LossInterval,
     by_kind,
     feature_scores,
     interval,
@@ -119,28 +119,28 @@ class HowFar:
         means = np.vstack([values.mean(axis=1), drawn])
         return dict(zip(Loss, means.T, strict=True))
 
-    def mean(self, name: Loss) -> Interval:
+    def mean(self, name: Loss) -> LossInterval:
         """Mean loss."""
         return interval(self._means[name])
 
-    def excess(self, name: Loss) -> Interval:
+    def excess(self, name: Loss) -> LossInterval:
         """Mean loss over the floor."""
         return interval(self._means[name] - self._means[Loss.FLOOR])
 
-    def gain(self) -> Interval:
+    def gain(self) -> LossInterval:
         """Mean loss before minus after, of equal trials."""
         return interval(self._means[Loss.BEFORE] - self._means[Loss.AFTER])
 
-    def closure(self, name: Loss) -> Interval:
+    def closure(self, name: Loss) -> LossInterval:
         """(before - model) / (before - floor); none where there is no gap."""
         return self._share(self._means[Loss.BEFORE] - self._means[name])
 
-    def headline(self) -> Interval:
+    def headline(self) -> LossInterval:
         """Closure minus that of the better control, or minus 0 where both make it worse."""
         controls = [self._means[name] for name in (Loss.BEFORE, *CONTROLS)]
         return self._share(np.min(controls, axis=0) - self._means[Loss.AFTER])
 
-    def _share(self, part: Array) -> Interval:
+    def _share(self, part: Array) -> LossInterval:
         return share_of_gap(part, self._means[Loss.BEFORE] - self._means[Loss.FLOOR])
 
 

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.how_far.ensemble_losses import (
-    Interval,
+    LossInterval,
     interval,
     resampled_means,
     share_of_gap,
@@ -108,28 +108,28 @@ class Waterfall:
         drawn = resampled_means(values, self.motion, replicates=HELD_OUT.resamples)
         return np.vstack([values.mean(axis=1), drawn])
 
-    def loss(self, names: Sequence[str]) -> Interval:
+    def loss(self, names: Sequence[str]) -> LossInterval:
         """Mean loss with some of the effects."""
         return interval(self._means[:, sum(1 << self.names.index(name) for name in names)])
 
-    def loss_of_everything(self) -> Interval:
+    def loss_of_everything(self) -> LossInterval:
         """Mean loss with all effects of the posterior."""
         return interval(self._means[:, -2])
 
-    def loss_of_floor(self) -> Interval:
+    def loss_of_floor(self) -> LossInterval:
         """Mean loss of campaigns without a gap."""
         return interval(self._means[:, -1])
 
-    def closure(self) -> Interval:
+    def closure(self) -> LossInterval:
         """Share of the gap that is closed with all effects of the posterior."""
         means = self._means
         return share_of_gap(means[:, 0] - means[:, -2], means[:, 0] - means[:, -1])
 
-    def share(self, name: str) -> Interval:
+    def share(self, name: str) -> LossInterval:
         """What an effect takes off the mean loss, on average over all orders [nat a trial]."""
         return interval(np.mean([self._gains(name, n) for n in range(len(self.names))], axis=0))
 
-    def ends(self, name: str) -> tuple[Interval, Interval]:
+    def ends(self, name: str) -> tuple[LossInterval, LossInterval]:
         """The same where it comes first of all, and last of all."""
         return interval(self._gains(name, 0)), interval(self._gains(name, len(self.names) - 1))
 
