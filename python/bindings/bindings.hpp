@@ -224,19 +224,6 @@ inline py::tuple names_of(const py::module_& m, const char* enumeration) {
   return py::tuple(m.attr(enumeration).attr("__members__"));
 }
 
-/// The pose of the arguments `position` and `orientation`.
-inline Pose taken_pose(const Given<Eigen::Vector3d>& position, const Given<Vector4>& xyzw) {
-  return {taken(position, "position"), Eigen::Quaterniond(taken(xyzw, "orientation"))};
-}
-
-/// The criterion of the arguments `linear_speed`, `angular_speed` and `window`.
-inline RestCriterion taken_rest(const Given<double>& linear_speed, const Given<double>& angular_speed,
-                                const Given<double>& window) {
-  return {.linear_speed = taken(linear_speed, "linear_speed"),
-          .angular_speed = taken(angular_speed, "angular_speed"),
-          .window = taken(window, "window")};
-}
-
 /// What a scene is made of, and the scene.
 void bind_scene(py::module_& m);
 /// Worlds that Python steps, and their states.
