@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from vsr2.blind.custodian.pack_streams import PackStream
-from vsr2.diagnosis.observed.random_streams import Stream
+from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream
 
 PACKAGE = Path(__file__).resolve().parents[2] / "python" / "vsr2"
 DISPLAY = ("report", "view")
@@ -147,6 +147,7 @@ def test_level_and_replicates_of_intervals_stand_once() -> None:
     ("room", "source", "streams"),
     [
         ("diagnosis", "observed/random_streams.py", Stream),
+        ("diagnosis", "observed/random_streams.py", NoiseStream),
         ("blind/custodian", "pack_streams.py", PackStream),
     ],
 )
@@ -157,7 +158,7 @@ def test_a_stream_of_random_numbers_has_one_purpose(room, source, streams) -> No
         if path == PACKAGE / room / source:
             continue
         text = path.read_text()
-        assert not re.search(r"(default_rng|SeedSequence)\(\[\w+, \d", text), path
+        assert not re.search(r"(default_rng|SeedSequence)\(\[\w+, \d|\bseed \+ \d", text), path
         for name in re.findall(rf"\b{streams.__name__}\.(\w+)", text):
             users[name].add(path.name)
     assert {name: len(files) for name, files in users.items()} == dict.fromkeys(users, 1)

@@ -28,7 +28,7 @@ from vsr2.diagnosis.coverage.coverage_scores import (
 from vsr2.diagnosis.coverage.judged import Judged, judge_planted
 from vsr2.diagnosis.coverage.planted_campaigns import Planted, draw_planted
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
-from vsr2.diagnosis.observed.random_streams import Stream, generator
+from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
 from vsr2.diagnosis.pipeline import Progress, Report, Stage
 from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.posterior.discrepancy import Disturbance
@@ -258,7 +258,7 @@ def check_with(
         )  # fmt: skip
         campaigns = _simulated(store, found, chosen, (most, seed), report)
         simulated = store.simulated
-    features = _noted(seen, found, campaigns, seed + 1)
+    features = _noted(seen, found, campaigns, seed + NoiseStream.PLANTED)
     outcomes, noted = disturbed(
         campaigns.overturned, features, generator(seed, Stream.PLANTED_COPIES)
     )

@@ -33,7 +33,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     share_of_gap,
 )
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.observed.random_streams import Stream, generator
+from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
 from vsr2.diagnosis.posterior.training import Posterior
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.library import free_parameters
@@ -191,7 +191,14 @@ def judge(
             drawn[i] = effects
     later = range(HELD_OUT.nuisances, HELD_OUT.nuisances + members)
     after = ensemble(
-        cache, seen, trials, drawn, later, HELD_OUT.replicate, seed + 1, progress=progress
+        cache,
+        seen,
+        trials,
+        drawn,
+        later,
+        HELD_OUT.replicate,
+        seed + NoiseStream.HELD_OUT,
+        progress=progress,
     )
     losses[Loss.AFTER] = simulated_loss(after, after.probability, outcome, features)
     scaled = _recalibrated(before.probability, outcome, group)

@@ -1,7 +1,7 @@
 """Streams of random numbers of a diagnosis: what is drawn for one purpose tells nothing of another.
 
-Requests to the simulator, and so what a cache of simulations holds, follow from `LOOK`, `CAUSES`,
-`DECK`, `WATERFALL`, `PLANTED` and `SCENE_EFFECTS`: another number there is another diagnosis.
+What is simulated, and so what a cache of simulations holds, follows from most of them: another
+number is another diagnosis.
 """
 
 from __future__ import annotations
@@ -49,6 +49,21 @@ class Stream(IntEnum):
     """Noise of tilts beside a reference campaign."""
     CORRECTED = 91
     """Corrected scenes."""
+
+
+@unique
+class NoiseStream(IntEnum):
+    """Of simulated measurements: what is added to the seed, by what they are compared with.
+
+    Training adds 0. Neighbouring seeds have some of this noise in common.
+    """
+
+    HELD_OUT = 1
+    """Trials that neither fit nor choice saw."""
+    WATERFALL = 2
+    """The same, with some of the causes."""
+    PLANTED = 3
+    """Planted campaigns."""
 
 
 def generator(seed: int, stream: Stream, *index: int) -> np.random.Generator:
