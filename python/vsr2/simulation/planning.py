@@ -50,15 +50,13 @@ def study_trials(study: Study, scene: Scene | None = None) -> list[Trial]:
     silent = study.output.model_copy(update={"contacts_every": 0})
     seeds = np.random.SeedSequence(study.seed).generate_state(max(1, len(motions)), np.uint32)
     trials = [
-        Trial(
-            scene=scene,
-            motion=motion,
-            drive=study.motion.drive,
+        Trial.of_study(
+            study,
+            scene,
+            motion,
             name=motion.name,
-            seed=int(seeds[i]),
-            settling=study.settling,
-            outcome=study.outcome,
             output=study.output if contact_trials is None or i in contact_trials else silent,
+            seed=int(seeds[i]),
         )
         for i, motion in enumerate(motions)
     ]

@@ -343,14 +343,8 @@ def _base_trials(
                 record, study, trial.motion_file, noisy=bool(campaign.noise.displacement)
             )
             motions[trial.motion_file] = motion.without_acceleration()
-        trials[i] = Trial(
-            scene=scene,
-            motion=motions[trial.motion_file],
-            drive=study.motion.drive,
-            name=trial.trial,
-            settling=study.settling,
-            outcome=study.outcome,
-            output=output,
+        trials[i] = Trial.of_study(
+            study, scene, motions[trial.motion_file], name=trial.trial, output=output
         )
     return trials
 
