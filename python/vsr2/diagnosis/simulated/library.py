@@ -55,7 +55,7 @@ def sides(effect: Effect) -> tuple[Side, ...]:
     nulls = [_null(p) for p in primary_parameters(effect)]
     if not nulls:
         return ()
-    return (-1, 1) if any(1e-6 < null < 1 - 1e-6 for null in nulls) else (1,)
+    return (-1, 1) if any(map(_lies_amid, nulls)) else (1,)
 
 
 def values_at(
@@ -81,10 +81,15 @@ def values_at(
         share, null = next(left), _null(parameter)
         if share <= 0:
             continue
-        up = side > 0 if 1e-6 < null < 1 - 1e-6 else null < 0.5
+        up = side > 0 if _lies_amid(null) else null < 0.5
         quantile = null + share * ((1 - null) if up else -null)
         known[parameter.name] = parameter.ppf(min(max(quantile, 0.0), 1.0))
     return tuple(float(known.get(p.name, p.null)) for p in effect.parameters)
+
+
+def _lies_amid(null: float) -> bool:
+    """Whether a null's quantile leaves room on both sides, but for rounding."""
+    return 1e-6 < null < 1 - 1e-6
 
 
 def _null(parameter: Parameter) -> float:
