@@ -158,7 +158,7 @@ def model_text(scene: Scene) -> str:
         _native.ContactValues(**one.model_dump())
         for one in (scene.contact.rock, scene.contact.pedestal)
     )
-    friction = _native.combine(rock_values, pedestal_values).lateral_friction
+    friction = _native.combine(a=rock_values, b=pedestal_values).lateral_friction
     x, y, z, w = pose.orientation
     asset = ""
     if len(rock.parts) == 1 and isinstance(rock.parts[0], Box):

@@ -24,6 +24,7 @@ from pathlib import Path
 
 import numpy as np
 
+from machine_load import busy_seconds
 from vsr2.config import load_study
 from vsr2.config.study import Output
 from vsr2.results import BatchResult, base_provenance
@@ -43,13 +44,6 @@ def trials_of(engine: str, count: int) -> list[Trial]:
     silent = replace(trial, output=Output(log_every=0))
     scales = np.linspace(0.3, 0.5, count)
     return [replace(silent, motion=silent.motion.scaled(float(s))) for s in scales]
-
-
-def busy_seconds() -> float:
-    """CPU time that all programs of this machine have used [s]."""
-    with open("/proc/stat", encoding="ascii") as file:
-        user, nice, system, _, _, irq, softirq, *_ = map(int, file.readline().split()[1:])
-    return (user + nice + system + irq + softirq) / os.sysconf("SC_CLK_TCK")
 
 
 def bits(result: BatchResult) -> bytes:

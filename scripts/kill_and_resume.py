@@ -79,7 +79,7 @@ class Row:
     Attributes:
         usual_s: processor time of the undisturbed run [s].
         files: number of files that are compared.
-        rounds: times it was begun anew.
+        rounds: times it was begun again.
         kills: SIGKILLs.
         with_work: kills that found something written.
         wrong: rounds whose end differs from the undisturbed run, or is an error.

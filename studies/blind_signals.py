@@ -8,8 +8,8 @@
 Reads keys and verdicts of `--results` (:mod:`blind_results`). Each effect is simulated at its
 sealed values on its campaign's protocol (`SignalMeter` of
 :mod:`vsr2.blind.custodian.detection_limit`). Its signal over noise over 3 is written to
-`signals.csv` there, beside what was sealed; what is there is kept. `signals.md` then holds the
-scores in groups of what was measured. Effects are those of the present version: where an engine's
+docs/results/blind_signals.csv, beside what was sealed; what is there is kept. Scores in groups of
+what was measured are printed. Effects are those of the present version: where an engine's
 effect was changed since, or taken out, its campaigns say little or are left out.
 """
 
@@ -31,6 +31,7 @@ from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import catalogue, draw_protocol, overturning_acceleration
 from vsr2.blind.custodian.detection_limit import RULES, SignalMeter
 from vsr2.blind.custodian.engine import build_engine
+from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.form.pack_settings import ENGINES, EngineName, Kind
 from vsr2.blind.mujoco import ContactModel
 from vsr2.blind.scoring.score import ScoreCode, score_cases
@@ -38,6 +39,7 @@ from vsr2.config import load_study
 from vsr2.report.messages.scores import SCORES
 
 ROOT = Path(__file__).resolve().parents[1]
+TABLE = ROOT / "docs" / "results" / "blind_signals.csv"
 COLUMNS = ("part", "campaign", "engine", "kind", "effect", "values", "sealed", "measured")
 SHOWN = (
     ScoreCode.LEADS,
@@ -78,6 +80,7 @@ def main() -> int:
     parser.add_argument(
         "--results", type=Path, default=ROOT / "docs" / "results" / "blind_validation_2"
     )
+    parser.add_argument("--table", type=Path, default=TABLE)
     parser.add_argument("--scene", type=Path, default=ROOT / "configs" / "blind.yaml")
     parser.add_argument("--engine", action="append", choices=ENGINES)
     parser.add_argument("--kind", action="append", choices=[Kind.SINGLE, Kind.UNKNOWN, Kind.PAIR])
@@ -87,13 +90,11 @@ def main() -> int:
     options = parser.parse_args()
     if options.spread:
         for name in options.engine or [EngineName.BULLET]:
-            file = (
-                "signals_spread.csv" if name == EngineName.BULLET else f"signals_spread_{name}.csv"
-            )
-            spread(name, options.scene, options.results / file, options.seeds)
+            other = "" if name == EngineName.BULLET else f"_{name}"
+            file = options.table.with_name(f"{options.table.stem}_spread{other}.csv")
+            spread(name, options.scene, file, options.seeds)
         return 0
-    path = options.results / "signals.csv"
-    rows = read_rows(path)
+    rows = read_rows(options.table)
     known = {(row["campaign"], row["effect"]) for row in rows}
     for number, key in keys(options.results):
         for row in measured(
@@ -105,10 +106,9 @@ def main() -> int:
             known,
         ):
             rows.append({"part": str(number)} | row)
-            write_rows(path, COLUMNS, rows)
+            write_rows(options.table, COLUMNS, rows)
             print(*list(rows[-1].values())[2:], flush=True)
-    (options.results / "signals.md").write_text(page(options.results, rows), encoding="utf-8")
-    print(f"wrote {path} and signals.md")
+    print(page(options.results, rows), end="")
     return 0
 
 
@@ -154,7 +154,7 @@ def measured(
             continue
         place = (entry["engine"], int(entry["protocol"]))
         if place not in meters:
-            rng = np.random.default_rng([number, 402, place[1]])
+            rng = pack_generator(number, PackStream.PROTOCOL, place[1])
             protocol = draw_protocol(rng, motions, thresholds, settings)
             meters[place] = SignalMeter(engine, protocol, settings, seed)
         relative = meters[place].signal(effect["name"], effect["values"]) / RULES.detected
@@ -181,9 +181,8 @@ def page(results: Path, rows: list[dict[str, str]]) -> str:
     lines = [
         "# Strengths measured again",
         "",
-        "`python studies/blind_signals.py`; [signals.csv](signals.csv) has a row an effect: signal "
-        "over noise over 3 at the sealed values, as `vsr2 blind make` measures each draw now, "
-        "beside the magnitude over the detection limit that was sealed.",
+        "Signal over noise over 3 at the sealed values, as `vsr2 blind make` measures each draw "
+        "now, beside the magnitude over the detection limit that was sealed.",
     ]
     for engine in sorted({case.engine for case in singles}):
         mine = [case for case in singles if case.engine == engine]
@@ -218,7 +217,8 @@ def spread(name: str, scene: Path, path: Path, count: int) -> None:
     engine = build_engine(name, load_study(scene))
     motions = catalogue(11, settings.catalogue)
     thresholds = [overturning_acceleration(engine, motion) for motion in motions]
-    protocol = draw_protocol(np.random.default_rng([11, 402, 0]), motions, thresholds, settings)
+    rng = pack_generator(11, PackStream.PROTOCOL, 0)
+    protocol = draw_protocol(rng, motions, thresholds, settings)
     rows: dict[str, dict[str, str]] = {}
     seeds = range(1, count + 1)
     for seed in seeds:

@@ -28,7 +28,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from planar.simulator import PlanarSimulator
+from planar.planar_simulator import PlanarSimulator
 from planted import Rehearsal, shaken_campaign
 from vsr2.analysis.intervals import calibration_error
 from vsr2.diagnosis.posterior.calibration import label_probability, label_set

@@ -3,7 +3,7 @@
     python studies/effects_page.py [--out docs]
 
 Writes, between the markers of each page, the entries of docs/reference/effects.md and the table of
-docs/validation/effects.md, which `studies/effect_checks.py` measured.
+docs/validation/effects.md, which `studies/check_effects.py` measured.
 """
 
 from __future__ import annotations

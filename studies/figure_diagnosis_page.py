@@ -16,8 +16,8 @@ import shutil
 import tempfile
 from pathlib import Path
 
-from planar.library import PLANAR_LIBRARY
-from planar.simulator import PlanarSimulator
+from planar.planar_library import PLANAR_LIBRARY
+from planar.planar_simulator import PlanarSimulator
 from planted import observe, shaken_campaign
 from vsr2.diagnosis import Budget, Diagnosis, Question, diagnose_with
 from vsr2.report.diagnosis_figures import waterfall_figure

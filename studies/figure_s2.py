@@ -17,6 +17,7 @@ from __future__ import annotations
 import argparse
 import csv
 import os
+import sys
 import time
 from dataclasses import replace
 from pathlib import Path
@@ -35,15 +36,10 @@ SUPPLEMENT = {1: 9300.0, 8: 1550.0}
 QUIET = 0.1
 
 
-def busy_seconds() -> float:
-    """CPU time that all programs of this machine have used [s]."""
-    with open("/proc/stat", encoding="ascii") as file:
-        user, nice, system, _, _, irq, softirq, *_ = map(int, file.readline().split()[1:])
-    return (user + nice + system + irq + softirq) / os.sysconf("SC_CLK_TCK")
-
-
 def measure(options: argparse.Namespace) -> None:
     """Run the campaign at each number of threads and append to the table."""
+    sys.path.append(str(ROOT / "benchmarks"))
+    from machine_load import busy_seconds
     from vsr2.config import load_study
     from vsr2.results import base_provenance
     from vsr2.simulation import run_batch, study_trials

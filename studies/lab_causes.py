@@ -26,6 +26,7 @@ from numpy.typing import NDArray
 
 from lab_margins import CHANNELS, DRAWN, margins_of
 from vsr2.analysis import classification_metrics, logistic_baseline
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.overturning_margin import MARGIN, fit_margin_model, out_of_fold_probability
 from vsr2.analysis.probability import RELIABILITY, outcome_loss, overturning_probability
 from vsr2.campaign import Campaign, load_campaign, motion_resamples
@@ -40,7 +41,6 @@ HERE = Path(__file__).resolve().parent
 OUT = HERE.parent / "out"
 CAUSES = (*DRAWN, "record", "strength")
 Causes = frozenset[str]
-RESAMPLES = 2000
 
 
 def families(options: argparse.Namespace) -> tuple[Campaign, dict[Causes, Array], Array]:
@@ -178,7 +178,7 @@ def main() -> None:
         "floor": floor,
     }
     values = np.stack(list(columns.values()))
-    counts = motion_resamples(seen.motion_ids, RESAMPLES, seed=0)
+    counts = motion_resamples(seen.motion_ids, INTERVALS.replicates, seed=0)
     drawn = (counts @ values.T) / counts.sum(axis=1)[:, None]
     means = dict(zip(columns, np.vstack([values.mean(axis=1), drawn]).T, strict=True))
     gap = means["as simulated"] - means["floor"]
@@ -192,7 +192,7 @@ def main() -> None:
     means["closure beyond the logistic curve"] = ours - curve_alone
     rows = []
     for name, found in means.items():
-        low, high = np.quantile(found[1:], [0.025, 0.975])
+        low, high = np.quantile(found[1:], INTERVALS.ends)
         rows.append({"quantity": name, "value": found[0], "low": low, "high": high})
         print(f"{name}: {found[0]:.3f} [{low:.3f}, {high:.3f}]")
     write_text(options.out / "causes.csv", csv_text(rows, ".4g"))

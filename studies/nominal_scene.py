@@ -21,6 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine_equivalence import ROOT, write_table
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.blind.mujoco import Situation, TableMotion, block, ground_motion, run_trial
 from vsr2.config import Study, load_study
 from vsr2.config.study import BoxRock
@@ -121,7 +122,7 @@ def compared(bullet: Array, mujoco: Array, seed: int = 0) -> dict[str, str]:
     for _ in range(2000):
         counts = np.bincount(rng.choice(motion[-1] + 1, motion[-1] + 1), minlength=motion[-1] + 1)
         drawn.append(np.median(np.repeat(ratio[stood], counts[motion[stood]])))
-    low, high = np.quantile(drawn, [0.025, 0.975])
+    low, high = np.quantile(drawn, INTERVALS.ends)
     turn = np.degrees(np.abs(np.stack([bullet[stood, 2], mujoco[stood, 2]])).mean(axis=1))
     return {
         "trials": f"{len(bullet)}",

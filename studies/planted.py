@@ -9,8 +9,8 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from planar.block import GRAVITY
-from planar.simulator import PlanarSimulator
+from planar.planar_block import GRAVITY
+from planar.planar_simulator import PlanarSimulator
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, Tier
 from vsr2.diagnosis.observed.features import TILT_FEATURES
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign

@@ -238,7 +238,7 @@ bool ExactSolver::flatten(const btMultiBodyConstraintArray& rows, std::vector<Ro
     row.upper = c.m_upperLimit;
     row.applied = c.m_appliedImpulse;
     row.normal = static_cast<std::size_t>(std::max(c.m_frictionIndex, 0));
-    // Finite, and far enough from the ends of the range that a row at rest can be told by its
+    // Finite, and far enough from the ends of the range that a row at rest can be known by its
     // impulse alone.
     if (!(row.inverse > 1e-50 && row.inverse < 1e50) || !std::isfinite(row.rhs)) return false;
     bool has_free = false;

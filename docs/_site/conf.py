@@ -51,9 +51,8 @@ html_copy_source = False
 def _outside(app: Sphinx, document: str, source: list[str]) -> None:
     """Links to the index and to pages of the root, as this site has them."""
     text = re.sub(r"\]\(((?:\.\./)+(?:CHANGELOG|CONTRIBUTING)\.md)\)", r"](path:\1)", source[0])
-    if document.count("/") == 0:
-        text = text.replace("](README.md)", "](index.rst)")
-    source[0] = text
+    up = "../" * document.count("/")
+    source[0] = text.replace(f"]({up}README.md)", f"]({up}index.rst)")
 
 
 def setup(app: Sphinx) -> dict[str, Any]:

@@ -185,17 +185,23 @@ struct Field {
 template <typename T, typename F>
 using ValueOf = std::remove_cvref_t<std::invoke_result_t<decltype(F::access), T&>>;
 
-/// Binds a struct of settings: a constructor that takes every field by its name, and no other type
-/// than the field's. Units are those of the struct's members.
+/// Gives a class a constructor that takes every field of a record by its name, and no other type than
+/// the field's; `make` makes the object from the record.
+template <typename Record, typename Type, typename Make, typename... Fields>
+void bind_constructor(Type& type, const Make& make, const Fields&... fields) {
+  type.def(py::init([make, fields...](Taken<ValueOf<Record, Fields>>... values) {
+             Record record;
+             ((std::invoke(fields.access, record) = taken(std::move(values), fields.name)), ...);
+             return make(std::move(record));
+           }),
+           py::kw_only(), py::arg(fields.name).noconvert()...);
+}
+
+/// Binds a struct of settings, made from its fields. Units are those of the struct's members.
 template <typename T, typename... Fields>
 py::class_<T> bind_record(py::module_& m, const char* name, const Fields&... fields) {
   py::class_<T> type(m, name);
-  type.def(py::init([fields...](Taken<ValueOf<T, Fields>>... values) {
-             T record;
-             ((std::invoke(fields.access, record) = taken(std::move(values), fields.name)), ...);
-             return record;
-           }),
-           py::kw_only(), py::arg(fields.name).noconvert()...);
+  bind_constructor<T>(type, [](T record) { return record; }, fields...);
   return type;
 }
 
@@ -216,19 +222,6 @@ void bind_enum(py::module_& m, std::initializer_list<std::pair<const char*, E>> 
 /// The names of the values of an enumeration of the module.
 inline py::tuple names_of(const py::module_& m, const char* enumeration) {
   return py::tuple(m.attr(enumeration).attr("__members__"));
-}
-
-/// The pose of the arguments `position` and `orientation`.
-inline Pose taken_pose(const Given<Eigen::Vector3d>& position, const Given<Vector4>& xyzw) {
-  return {taken(position, "position"), Eigen::Quaterniond(taken(xyzw, "orientation"))};
-}
-
-/// The criterion of the arguments `linear_speed`, `angular_speed` and `window`.
-inline RestCriterion taken_rest(const Given<double>& linear_speed, const Given<double>& angular_speed,
-                                const Given<double>& window) {
-  return {.linear_speed = taken(linear_speed, "linear_speed"),
-          .angular_speed = taken(angular_speed, "angular_speed"),
-          .window = taken(window, "window")};
 }
 
 /// What a scene is made of, and the scene.

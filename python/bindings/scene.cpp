@@ -49,7 +49,7 @@ void bind_contact_values(py::module_& m, std::index_sequence<kIndex...>) {
     type.def_property_readonly(
         kContactParameters[i].name, [i](const ContactValues& values) { return values.all[i]; },
         kContactParameters[i].unit);
-  m.def("combine", &combine, py::arg("a"), py::arg("b"));
+  m.def("combine", &combine, py::kw_only(), py::arg("a"), py::arg("b"));
 
   using P = ContactParameter;
   py::class_<P>(m, "ContactParameter", "What a contact parameter may be, and is where nothing is given.")

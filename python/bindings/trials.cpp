@@ -92,6 +92,16 @@ void bind_columns(py::module_& m, const char* name, const std::array<Column, kCo
   });
 }
 
+/// What a settled start is made from.
+struct StartArguments {
+  std::shared_ptr<Scene> scene;
+  Drive drive{};
+  Pose X_WB;
+  RestCriterion rest;
+  double timeout = 0.0;  ///< [s]
+  std::int64_t log_every = 0;
+};
+
 /// A batch goes with the GIL released: its threads may need it to give borrowed memory back.
 struct DeleteWithoutGil {
   void operator()(Batch* batch) const {
@@ -122,20 +132,21 @@ void bind_specification(py::module_& m) {
   py::class_<Samples>(m, "Samples", "Set-points in the memory of a read-only array, which it keeps.")
       .def(py::init(&borrow), py::kw_only(), py::arg("values"));
 
-  py::class_<SettledStart, std::shared_ptr<SettledStart>>(m, "SettledStart")
-      .def(py::init([](std::shared_ptr<Scene> scene, Drive drive,
-                       const Taken<Eigen::Vector3d>& position,
-                       const Taken<Vector4>& orientation, const Taken<double>& linear_speed,
-                       const Taken<double>& angular_speed, const Taken<double>& window,
-                       const Taken<double>& timeout, const Taken<std::int64_t>& log_every) {
-             return std::make_shared<SettledStart>(
-                 std::move(scene), drive, taken_pose(position, orientation),
-                 taken_rest(linear_speed, angular_speed, window), taken(timeout, "timeout"),
-                 taken(log_every, "log_every"));
-           }),
-           py::kw_only(), py::arg("scene"), py::arg("drive"), py::arg("position"),
-           py::arg("orientation"), py::arg("linear_speed"), py::arg("angular_speed"),
-           py::arg("window"), py::arg("timeout"), py::arg("log_every"));
+  using S = StartArguments;
+  py::class_<SettledStart, std::shared_ptr<SettledStart>> start(m, "SettledStart");
+  bind_constructor<S>(
+      start,
+      [](S s) {
+        return std::make_shared<SettledStart>(std::move(s.scene), s.drive, s.X_WB, s.rest, s.timeout,
+                                              s.log_every);
+      },
+      Field{"scene", &S::scene}, Field{"drive", &S::drive},
+      Field{"position", [](S& s) -> Eigen::Vector3d& { return s.X_WB.position; }},
+      Field{"orientation", [](S& s) -> Vector4& { return s.X_WB.orientation.coeffs(); }},
+      Field{"linear_speed", [](S& s) -> double& { return s.rest.linear_speed; }},
+      Field{"angular_speed", [](S& s) -> double& { return s.rest.angular_speed; }},
+      Field{"window", [](S& s) -> double& { return s.rest.window; }},
+      Field{"timeout", &S::timeout}, Field{"log_every", &S::log_every});
 
   using T = TrialSpec;
   bind_record<T>(

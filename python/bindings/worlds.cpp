@@ -10,6 +10,19 @@
 namespace vsr2::binding {
 namespace {
 
+// The pose of the arguments `position` and `orientation`.
+Pose taken_pose(const Given<Eigen::Vector3d>& position, const Given<Vector4>& xyzw) {
+  return {taken(position, "position"), Eigen::Quaterniond(taken(xyzw, "orientation"))};
+}
+
+// The criterion of the arguments `linear_speed`, `angular_speed` and `window`.
+RestCriterion taken_rest(const Given<double>& linear_speed, const Given<double>& angular_speed,
+                         const Given<double>& window) {
+  return {.linear_speed = taken(linear_speed, "linear_speed"),
+          .angular_speed = taken(angular_speed, "angular_speed"),
+          .window = taken(window, "window")};
+}
+
 // The contact log's quantities, vectors as arrays, and the pair's values.
 py::dict contact_dict(const ContactPoint& contact) {
   const auto row = contact_row(0.0, contact);

@@ -211,7 +211,7 @@ class Samples:
     def __init__(self, *, values: numpy.ndarray) -> None:
         ...
 class SettledStart:
-    def __init__(self, *, scene: Scene, drive: Drive, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"], linear_speed: typing.SupportsFloat | typing.SupportsIndex, angular_speed: typing.SupportsFloat | typing.SupportsIndex, window: typing.SupportsFloat | typing.SupportsIndex, timeout: typing.SupportsFloat | typing.SupportsIndex, log_every: typing.SupportsInt | typing.SupportsIndex) -> None:
+    def __init__(self, *, scene: Scene, drive: Drive, position: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[3]"], orientation: typing.Annotated[numpy.typing.NDArray[numpy.float64], "[4]"], linear_speed: float, angular_speed: float, window: float, timeout: float, log_every: int) -> None:
         ...
 class TrialSpec:
     def __init__(self, *, start: SettledStart, motion_position: Samples, motion_velocity: Samples | None, transverse: Samples | None, vertical: Samples | None, pitch: Samples | None, tail: float, rest_linear_speed: float, rest_angular_speed: float, rest_window: float, overturned_tilt: float, toppled_tilt: float, rocked_tilt: float, slid_distance: float, rotated_angle: float, stop_early: bool, log_every: int, contacts_every: int) -> None:
@@ -358,7 +358,7 @@ class Column:
         """
 def build_facts() -> dict[str, str]:
     ...
-def combine(a: ContactValues, b: ContactValues) -> ContactValues:
+def combine(*, a: ContactValues, b: ContactValues) -> ContactValues:
     ...
 def contact_columns() -> list[Column]:
     ...

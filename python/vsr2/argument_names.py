@@ -1,4 +1,4 @@
-"""Names of arguments: who mistypes one, or gives an old one, is told the right one."""
+"""Names of arguments: who mistypes one, or gives an old one, reads the right one."""
 
 from __future__ import annotations
 

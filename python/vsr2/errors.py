@@ -25,7 +25,7 @@ class Fault(StrEnum):
 
 
 class Renamed:
-    """An attribute that is gone: whoever asks for it is told what replaced it.
+    """An attribute that is gone: whoever asks for it reads what replaced it.
 
     Args:
         now: what replaced it, with its unit.

@@ -1,4 +1,10 @@
-"""Arrays in values whose hash is kept, of real numbers and read-only; read-only mappings."""
+"""Arrays in values whose hash is kept, of real numbers and read-only; read-only mappings.
+
+What is promised: no assignment, method or operator changes a value through the array that it
+gives, nor one through a copy or a pickle of the value. What is not: numpy lets whoever asks for it
+make the memory behind a view writable again (`array.base.setflags(write=True)`), as Python lets
+`object.__setattr__` change a frozen dataclass. A value that was changed so no longer fits its hash.
+"""
 
 from __future__ import annotations
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-import vsr2.blind.custodian.make as make_module
+import vsr2.blind.custodian.pack_making as make_module
 from blind_samples import SCENE, QuickEngine
 from vsr2.config import load_study
 

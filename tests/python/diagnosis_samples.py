@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from planar.library import PLANAR_LIBRARY
+from planar.planar_library import PLANAR_LIBRARY
 from planted import Rehearsal, shaken_campaign
 from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.how_far.held_out import HELD_OUT

@@ -10,6 +10,9 @@ from pathlib import Path
 
 import pytest
 
+from vsr2.blind.custodian.pack_streams import PackStream
+from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream
+
 PACKAGE = Path(__file__).resolve().parents[2] / "python" / "vsr2"
 DISPLAY = ("report", "view")
 """Rooms whose numbers only a reader's eye judges."""
@@ -17,7 +20,7 @@ LIMIT = re.compile(r"_?(MAX|MIN|LONGEST)_")
 """Names of limits beyond which an input is refused."""
 UNTUNED: dict[str, set[str]] = {
     "form of a file": {
-        "blind/custodian/make.py:FORM", "blind/form/seal.py:SALT_BYTES",
+        "blind/custodian/pack_making.py:FORM", "blind/form/seal.py:SALT_BYTES",
         "blind/form/seal.py:_MADE", "diagnosis/corrected.py:DIGITS",
         "diagnosis/posterior/files.py:FORMAT", "diagnosis/simulated/cache.py:KEY",
         "motion/peer.py:_HEADER_LINES", "motion/recording.py:_LABORATORY_COLUMNS",
@@ -28,17 +31,15 @@ UNTUNED: dict[str, set[str]] = {
         "motion/recording.py:METRES_PER_VOLT", "scene/build.py:CONTACT_POINTS",
     },
     "numbers that stand for names": {
-        "cli/entry.py:INTERRUPTED, TERMINATED", "diagnosis/coverage/judged.py:STREAM",
+        "cli/entry.py:INTERRUPTED, TERMINATED",
         "diagnosis/coverage/planted_campaigns.py:FIRST",
-        "diagnosis/coverage/planted_campaigns.py:STREAM",
         "diagnosis/simulated/campaigns.py:FIRST_NUISANCE",
-        "diagnosis/simulated/scene_effects.py:_STREAM",
         "diagnosis/simulated/simulator.py:HALF_STEP, FINE_SOLVER",
         "diagnosis/simulated/simulator.py:PERTURBED", "simulation/batch.py:_LOST, _COMPLETE",
     },
     "convention": {
         "config/section.py:DEFAULT_TIME_STEP", "diagnosis/coverage/coverage_scores.py:LEVELS",
-        "diagnosis/how_far/ensemble_losses.py:CI95", "effects/geometry.py:_QUARTERS",
+        "effects/geometry.py:_QUARTERS",
         "effects/underside.py:_COEFFICIENTS", "motion/two_components.py:STEP",
         "motion/spectrum.py:PERIODS", "scene/rotation.py:IDENTITY",
         "scene/shapes.py:_BOX_SIGNS", "scene/shapes.py:_BOX_FACES",
@@ -46,6 +47,7 @@ UNTUNED: dict[str, set[str]] = {
     },
     "guard against rounding": {
         "campaign/campaign.py:NORM_TOLERANCE", "diagnosis/posterior/network.py:FORBIDDEN",
+        "diagnosis/simulated/library.py:HALVINGS", "diagnosis/simulated/simulator.py:RATIO_STEPS",
         "effects/rounding.py:_SAME", "effects/support.py:_UPRIGHT", "effects/underside.py:_LEVEL",
         "motion/motion.py:START_TOLERANCE", "motion/sample_spline.py:SETTLED",
         "motion/two_components.py:SAME_INTERVAL",
@@ -57,7 +59,7 @@ UNTUNED: dict[str, set[str]] = {
         "diagnosis/simulated/cache.py:CHUNK", "fragility/fit.py:_CHUNK",
         "motion/sample_spline.py:BLOCK",
         "results/batch_table.py:_BLOCK", "scene/placement.py:_PAIRS",
-        "simulation/batch.py:_ROW_BYTES", "simulation/estimate.py:CELL_BYTES",
+        "simulation/planning.py:ROW_BYTES",
     },
 }  # fmt: skip
 """Numbers that may stand at a module's top, by what they are."""
@@ -127,6 +129,39 @@ def test_no_chosen_number_stands_bare() -> None:
     found = all_bare()
     known = set().union(*UNTUNED.values())
     assert {at for at in found if not LIMIT.match(at.partition(":")[2])} == known
+
+
+def test_level_and_replicates_of_intervals_stand_once() -> None:
+    again = re.compile(
+        r"\b0?\.975\b|\blevel\b.* = 0?\.95\b|\b(replicates|resamples)\b.* = 2_?000\b"
+    )
+    found = {
+        path.name: [line.strip() for line in path.read_text().splitlines() if again.search(line)]
+        for path in sorted(PACKAGE.rglob("*.py"))
+    }
+    once = ["level: float = 0.95", "replicates: int = 2000"]
+    assert {name: lines for name, lines in found.items() if lines} == {"intervals.py": once}
+
+
+@pytest.mark.parametrize(
+    ("room", "source", "streams"),
+    [
+        ("diagnosis", "observed/random_streams.py", Stream),
+        ("diagnosis", "observed/random_streams.py", NoiseStream),
+        ("blind/custodian", "pack_streams.py", PackStream),
+    ],
+)
+def test_a_stream_of_random_numbers_has_one_purpose(room, source, streams) -> None:
+    """Its name stands in one module, but its number in none."""
+    users: dict[str, set[str]] = {one.name: set() for one in streams}
+    for path in (PACKAGE / room).rglob("*.py"):
+        if path == PACKAGE / room / source:
+            continue
+        text = path.read_text()
+        assert not re.search(r"(default_rng|SeedSequence)\(\[\w+, \d|\bseed \+ \d", text), path
+        for name in re.findall(rf"\b{streams.__name__}\.(\w+)", text):
+            users[name].add(path.name)
+    assert {name: len(files) for name, files in users.items()} == dict.fromkeys(users, 1)
 
 
 def test_every_bare_number_says_what_it_is() -> None:

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-import vsr2.blind.custodian.make as make_module
+import vsr2.blind.custodian.pack_making as make_module
 from blind_samples import SCENE, QuickEngine
 from vsr2.blind import (
     PackSettings,

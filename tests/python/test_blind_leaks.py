@@ -9,7 +9,7 @@ from time import sleep
 import numpy as np
 import pytest
 
-import vsr2.blind.custodian.make as make_module
+import vsr2.blind.custodian.pack_making as make_module
 from blind_samples import QuickEngine, make, pulses
 from vsr2.blind import PackSettings
 from vsr2.blind.custodian.campaign_recording import recorded_campaign

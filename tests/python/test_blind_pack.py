@@ -14,17 +14,17 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-import vsr2.blind.custodian.make as make_module
+import vsr2.blind.custodian.pack_making as make_module
 from blind_samples import SCENE, SMALL, QuickEngine, make, protocol, same_folders
 from vsr2.blind import PackSettings, make_pack
-from vsr2.blind.custodian.bullet_engine import BULLET
+from vsr2.blind.custodian.bullet_engine import BULLET_ENGINE
 from vsr2.blind.custodian.campaign_recording import RECORDING, recorded_campaign
 from vsr2.blind.custodian.design import DESIGN, draw_inputs
 from vsr2.blind.custodian.plan import Planned
 from vsr2.blind.form.seal import canonical, commitment, folder_sha256, open_key, read_json
 from vsr2.blind.mujoco import Response, draw_contact
 from vsr2.blind.mujoco.contact_models import FAMILY
-from vsr2.blind.mujoco.driven_table import TABLE
+from vsr2.blind.mujoco.driven_table import DRIVEN_TABLE
 from vsr2.blind.mujoco.ground import GROUND, acceleration_of
 from vsr2.blind.mujoco.model import MODEL
 from vsr2.blind.mujoco.mujoco_effects import ROUGH_BASE
@@ -36,7 +36,10 @@ from vsr2.campaign import (
     load_campaign,
 )
 from vsr2.config import Study, load_study
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
+from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
 from vsr2.errors import BlindError
+from vsr2.simulation.run_constants import run_constants
 
 
 def test_a_commitment_is_the_hash_of_salt_and_key() -> None:
@@ -84,10 +87,12 @@ def test_the_constants_that_a_pack_rests_on_are_sealed(quick, study, tmp_path) -
     used = {
         "design": DESIGN, "ground_motion": GROUND, "contact_family": FAMILY,
         "mechanisms": MECHANISMS, "mujoco_hull": HULL, "mujoco_model": MODEL,
-        "mujoco_rough_base": ROUGH_BASE, "mujoco_table": TABLE, "mujoco_trial": TRIAL,
-        "bullet": BULLET, "recording": RECORDING, "making": make_module.MAKING,
+        "mujoco_rough_base": ROUGH_BASE, "mujoco_table": DRIVEN_TABLE, "mujoco_trial": TRIAL,
+        "bullet": BULLET_ENGINE, "recording": RECORDING, "making": make_module.MAKING,
+        "hypotheses": HYPOTHESIS, "motion_noise": MOTION_NOISE,
     }  # fmt: skip
-    assert sealed == json.loads(json.dumps({k: dataclasses.asdict(v) for k, v in used.items()}))
+    stated = {k: dataclasses.asdict(v) for k, v in used.items()} | run_constants()
+    assert sealed == json.loads(json.dumps(stated))
 
 
 def test_campaigns_of_a_protocol_share_their_motions(quick, study, tmp_path) -> None:

@@ -168,6 +168,15 @@ def test_what_was_published_can_be_read(folder) -> None:
     assert set(read_gz(folder / RECORD)) == {"scores", "rates", "leaks", "packs", "submissions"}
 
 
+@pytest.mark.parametrize("folder", sorted(p.parent for p in RESULTS.glob("blind_*/key1.json.gz")))
+def test_of_a_round_no_more_is_kept_than_what_it_is_computed_from(folder) -> None:
+    kept = {re.sub(r"\d+", "N", path.name) for path in folder.iterdir()}
+    allowed = {"README.md", "keyN.json.gz", "verdictsN.json.gz", RECORD}
+    # The first round's diagnoses were not kept: its published scores stand in for them.
+    first = {"README.md", "keyN.json.gz", "scores.json.gz"}
+    assert kept == (first if folder.name == "blind_validation" else allowed)
+
+
 def test_the_documented_tables_are_those_of_the_study() -> None:
     # Both tables of each folder that docs/validation/blind.md names, as the study prints them.
     root = RESULTS.parents[1]

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 import vsr2.blind
-import vsr2.blind.custodian.make as make_module
+import vsr2.blind.custodian.pack_making as make_module
 from blind_samples import ALTERED_SUBMISSIONS, SCENE, diagnosis, make, pulses, stand_in
 from vsr2.blind import (
     PackSettings,
@@ -23,7 +23,7 @@ from vsr2.blind import (
     make_pack,
     score_pack,
 )
-from vsr2.blind.custodian.make import Made
+from vsr2.blind.custodian.pack_making import Made
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE
 from vsr2.blind.form.events import EventCode
 from vsr2.blind.form.pack_settings import KINDS

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-import vsr2.blind.custodian.make as make_module
+import vsr2.blind.custodian.pack_making as make_module
 from blind_samples import QuickEngine, make
 from vsr2.blind.form.seal import read_json
 from vsr2.errors import BlindError

@@ -376,8 +376,7 @@ def test_the_page_on_the_form_names_every_column_array_and_key():
 
     page = (Path(__file__).parents[2] / "docs" / "reference" / "campaign.md").read_text()
     for name in (
-        *trials_table._REQUIRED,
-        *trials_table._OPTIONAL,
+        *trials_table._COLUMNS.values(),
         *array_files._MOTION_ARRAYS,
         *array_files._SERIES_ARRAYS,
     ):

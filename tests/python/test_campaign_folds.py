@@ -80,4 +80,4 @@ def test_resamples_draw_complete_motions_as_often_as_chance_has_it():
     with pytest.raises(CampaignError, match="0 replicates"):
         motion_resamples(motions, replicates=0)
     with pytest.raises(CampaignError, match="no trials"):
-        motion_resamples([])
+        motion_resamples([], 1)

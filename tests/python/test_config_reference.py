@@ -10,7 +10,7 @@ import yaml
 
 from vsr2.calibration.calibration_study import CalibrationSettings
 from vsr2.config import reference_markdown, study_from_mapping, study_schema
-from vsr2.config.reference import keys_markdown
+from vsr2.config.reference import key_tables
 from vsr2.config.schema import all_sections, variants
 from vsr2.config.section import Section
 from vsr2.config.sources import Source, source_of
@@ -29,11 +29,11 @@ def sections(section: type[Section] = Study):
 
 
 def test_the_committed_reference_is_the_generated_one():
-    pages = runpy.run_path(str(ROOT / "scripts" / "reference.py"))["pages"]()
+    pages = runpy.run_path(str(ROOT / "scripts" / "reference_tables.py"))["pages"]()
     assert {"configuration.md", "calibration_fragility.md"} <= {path.name for path in pages}
     for path, text in pages.items():
         assert path.read_text(encoding="utf-8") == text, (
-            f"{path.name} is old; write it again: python scripts/reference.py"
+            f"{path.name} is old; write it again: python scripts/reference_tables.py"
         )
 
 
@@ -60,7 +60,7 @@ def test_a_default_without_a_source_has_an_empty_cell():
         width: Annotated[float, Source("measured")] = 2.0
         """Across [m]."""
 
-    rows = keys_markdown(Bare).splitlines()[2:]
+    rows = [*key_tables(Bare)][2:4]
     assert [row.split("|")[-2].strip() for row in rows] == ["", "measured"]
 
 

@@ -12,7 +12,7 @@ from vsr2.codes import NUMBERS, Statement
 from vsr2.config import dump_study, import_ros2, load_study
 from vsr2.config.ros2_notes import KINDS, Assumed, Ignored, Kept, NotKept
 from vsr2.errors import ConfigError
-from vsr2.report.messages.ros2_import import NOTES, import_note, import_text
+from vsr2.report.messages.ros2_import import IMPORT_NOTES, import_note, import_text
 
 ENGINE = """\
 /**:
@@ -339,10 +339,10 @@ def test_the_description_has_all_notes_under_their_headings(package):
 
 
 def test_every_note_has_a_sentence_with_its_values():
-    assert set(NOTES) == {code for kind in KINDS for code in kind}
+    assert set(IMPORT_NOTES) == {code for kind in KINDS for code in kind}
     samples = {str: ("wear", "wear"), int: (77, "77"), float: (0.0123, "0123"),
                NUMBERS: ((1.5, 2.25), "1.5, 2.25")}  # fmt: skip
-    for code in NOTES:
+    for code in IMPORT_NOTES:
         values = {name: samples[kind][0] for name, kind in code.types.items()}
         text = import_note(Statement.of(code, **values))
         for kind, (_, said) in samples.items():

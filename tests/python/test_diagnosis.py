@@ -12,8 +12,8 @@ import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
 from diagnosis_samples import few_simulations, quick_training
-from planar.library import PLANAR_LIBRARY
-from planar.simulator import PlanarSimulator
+from planar.planar_library import PLANAR_LIBRARY
+from planar.planar_simulator import PlanarSimulator
 from planted import observe, shaken_campaign
 from vsr2.campaign import MeasurementNoise, simulate_campaign
 from vsr2.config import study_from_mapping

@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from planar.library import PLANAR_LIBRARY
+from planar.planar_library import PLANAR_LIBRARY
 from vsr2.diagnosis import Budget, Execution
 from vsr2.diagnosis import budget as module
 from vsr2.diagnosis import diagnose as api

@@ -12,7 +12,7 @@ import time
 import numpy as np
 import pytest
 
-from planar.library import PLANAR_LIBRARY
+from planar.planar_library import PLANAR_LIBRARY
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.effects import library as full_library

@@ -8,13 +8,13 @@ import numpy as np
 import pytest
 
 from diagnosis_samples import linear, linear_rehearsal, quick_training
-from planar.library import PLANAR_LIBRARY
+from planar.planar_library import PLANAR_LIBRARY
 from planted import shaken_campaign
 from vsr2.analysis.probability import outcome_loss
 from vsr2.diagnosis.how_far import held_out as module
 from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
-    Interval,
+    LossInterval,
     by_kind,
     feature_scores,
     resampled_means,
@@ -101,8 +101,8 @@ def test_closure_s_interval_is_over_motions() -> None:
     assert (closure.low, closure.high) == pytest.approx((0.4 / 0.9, 0.8 / 0.9))
     assert found.closure("recalibrated").value == pytest.approx(0.2 / 0.9)
     assert found.closure("dealt").value == pytest.approx(-0.1 / 0.9)
-    assert found.gain() == Interval(*(pytest.approx(v) for v in (0.6, 0.4, 0.8)))
-    assert found.excess("after") == Interval(*(pytest.approx(v) for v in (0.3, 0.1, 0.5)))
+    assert found.gain() == LossInterval(*(pytest.approx(v) for v in (0.6, 0.4, 0.8)))
+    assert found.excess("after") == LossInterval(*(pytest.approx(v) for v in (0.3, 0.1, 0.5)))
     assert found.mean("floor").to_json() == {"value": pytest.approx(0.1), "ci95": [0.1, 0.1]}
 
 

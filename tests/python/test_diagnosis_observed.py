@@ -7,7 +7,7 @@ import dataclasses
 import numpy as np
 import pytest
 
-from planar.simulator import PlanarSimulator
+from planar.planar_simulator import PlanarSimulator
 from planted import observe, shaken_campaign
 from vsr2.campaign import MeasurementNoise, Series
 from vsr2.diagnosis.noise_floor import _repeats

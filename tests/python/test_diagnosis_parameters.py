@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from diagnosis_samples import campaigns_of
-from planar.library import PLANAR_LIBRARY
+from planar.planar_library import PLANAR_LIBRARY
 from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
 from vsr2.diagnosis.simulated.campaigns import Acting
 from vsr2.effects import library as full_library

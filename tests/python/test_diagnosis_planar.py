@@ -5,15 +5,15 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from planar.block import (
+from planar.planar_block import (
     DEFAULTS,
     GRAVITY,
     STEP,
     PlanarBlocks,
     simulate_planar,
 )
-from planar.library import PLANAR_LIBRARY
-from planar.simulator import PlanarSimulator
+from planar.planar_library import PLANAR_LIBRARY
+from planar.planar_simulator import PlanarSimulator
 from planted import shaken_campaign
 from vsr2.diagnosis.observed.features import TILT_FEATURES
 from vsr2.diagnosis.simulated.simulator import Request

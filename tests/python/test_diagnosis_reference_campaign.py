@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from command_line import run
-from planar.simulator import PlanarSimulator
+from planar.planar_simulator import PlanarSimulator
 from planted import observe, shaken_campaign
 from vsr2.campaign import Campaign, RunOptions, load_campaign, save_campaign, simulate_campaign
 from vsr2.config import load_study
@@ -117,7 +117,7 @@ def test_a_known_effect_stands_in_the_scene(folder, capsys, monkeypatch) -> None
         line = ["campaign", "compare", folder / f"{name}.yaml", folder / "campaign"]
         assert run(*line, "--threads", 1, "--json") == code
         found = json.loads(capsys.readouterr().out)
-        assert found["constants"]["draws"] == 19
+        assert found["constants"]["reference"]["draws"] == 19
         said[name] = {one["measure"]: one for one in found["measures"]}
     # Without noise or nuisance the campaign is the nominal scene's own, bit for bit.
     assert said["known"]["outcomes"]["campaign"] == 0

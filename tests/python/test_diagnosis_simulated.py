@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from diagnosis_samples import SCATTER, LinearSimulator
-from planar.library import PLANAR_LIBRARY
+from planar.planar_library import PLANAR_LIBRARY
 from planted import shaken_campaign
 from vsr2.config import study_from_mapping
 from vsr2.diagnosis import Hypotheses

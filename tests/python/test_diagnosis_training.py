@@ -9,12 +9,12 @@ import pytest
 from threadpoolctl import threadpool_limits
 
 from diagnosis_samples import NAMES, linear, linear_rehearsal, quick_training
-from planar.library import PLANAR_LIBRARY
+from planar.planar_library import PLANAR_LIBRARY
 from planted import first
 from vsr2.diagnosis import ProtocolCache
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.calibration import (
-    CALIBRATION,
+    CALIBRATED,
     _set_level,
     calibrate,
     label_set,
@@ -134,7 +134,7 @@ def test_limits_name_the_most_causes_rightly_while_names_are_wrong_as_seldom_as_
     assert outside.sum() / weight.sum() == pytest.approx(PRIOR.outside)
     owners = [tuple(np.flatnonzero(row)) for row in MANY.acting] + [()] * int(acting.sum())
     plain = np.flatnonzero(~acting)
-    assert levels.none_limit == pytest.approx(np.quantile(p[plain, 0], CALIBRATION.false_alarms))
+    assert levels.none_limit == pytest.approx(np.quantile(p[plain, 0], CALIBRATED.false_alarms))
 
     found = [candidates(one, SETS, MANY.alike) for one in p]
 
@@ -144,29 +144,29 @@ def test_limits_name_the_most_causes_rightly_while_names_are_wrong_as_seldom_as_
         named = np.array([str(s.kind) in ("effect", "class", "pair") for s in said])
         wrong = np.array([is_wrong(s, own) for s, own in zip(said, owners, strict=True)])
         alarms = np.mean([str(said[i].kind) != "none" for i in plain])
-        assert alarms <= CALIBRATION.false_alarms + 1 / plain.size
+        assert alarms <= CALIBRATED.false_alarms + 1 / plain.size
         pair = np.array([str(s.kind) == "pair" for s in said])
         right = np.array([(not bad) * len(s.findings) for s, bad in zip(said, wrong, strict=True)])
         return (
             weight[wrong].sum() / weight[named].sum(),
             weight[named].sum() / weight.sum(),
             (weight * named * right).sum(),
-            weight[wrong & pair].sum() <= CALIBRATION.wrong_together * weight[pair].sum(),
+            weight[wrong & pair].sum() <= CALIBRATED.wrong_together * weight[pair].sum(),
         )
 
     wrong, named, right, _ = shares(levels.least_name, levels.least_together)
     assert (wrong, named) == pytest.approx((levels.wrong, levels.named))
-    assert wrong <= CALIBRATION.wrong
+    assert wrong <= CALIBRATED.wrong
     others = [
         shares(one, together)
-        for one in CALIBRATION.one[::7]
-        for together in CALIBRATION.together[::9]
+        for one in CALIBRATED.one[::7]
+        for together in CALIBRATED.together[::9]
     ]
-    assert any(share > CALIBRATION.wrong for share, *_ in others), "no limit is too low"
-    allowed = [own for share, _, own, kept in others if share <= CALIBRATION.wrong and kept]
+    assert any(share > CALIBRATED.wrong for share, *_ in others), "no limit is too low"
+    allowed = [own for share, _, own, kept in others if share <= CALIBRATED.wrong and kept]
     assert right >= max(allowed) - 1e-9
     # Of limits that name as many causes rightly the strictest are chosen.
-    steps = (CALIBRATION.one, levels.least_name), (CALIBRATION.together, levels.least_together)
+    steps = (CALIBRATED.one, levels.least_name), (CALIBRATED.together, levels.least_together)
     for k, (known, own) in enumerate(steps):
         if own < known[-1]:
             stricter = [levels.least_name, levels.least_together]
@@ -183,11 +183,11 @@ def test_levels_are_set_on_verdicts_that_see_the_fit() -> None:
         calibrate(logs, MANY, (misfitting, FITTING)),
     )
     assert held.none_limit == free.none_limit
-    assert held.wrong <= CALIBRATION.wrong
+    assert held.wrong <= CALIBRATED.wrong
     assert (held.named, held.least_name) != (free.named, free.least_name)
     unexplained = calibrate(logs, MANY, (FITTING, misfitting))
     # All that acts is left unexplained, so only a false alarm can be named.
-    assert unexplained.named <= CALIBRATION.false_alarms * PRIOR.none
+    assert unexplained.named <= CALIBRATED.false_alarms * PRIOR.none
     assert unexplained.detection_rate > free.detection_rate
 
 
@@ -204,7 +204,7 @@ def test_sets_hold_the_truth_nine_times_in_ten_whatever_probabilities_claim(shar
         held.append(bool(wanted & set(labels)))
         size.append(len(labels))
     # A thousand campaigns, and as many that set the level.
-    assert np.average(held, weights=MANY.weight) == pytest.approx(CALIBRATION.coverage, abs=0.04)
+    assert np.average(held, weights=MANY.weight) == pytest.approx(CALIBRATED.coverage, abs=0.04)
     assert 1 < np.mean(size) < 3
 
 

@@ -62,6 +62,19 @@ def test_every_page_is_reached_from_the_index():
     assert {page for page in PAGES if page.is_relative_to(ROOT / "docs")} <= reached
 
 
+def test_pages_lie_in_the_part_of_their_readers():
+    docs = ROOT / "docs"
+    parts = {"tutorial", "how-to", "reference", "explanation", "contributing", "validation"}
+    beside = {"_site", "examples", "notebooks", "results"}
+    assert {path.name for path in docs.iterdir() if path.is_dir()} == parts | beside
+    # The index, what every part uses, and the page that the code names by its path.
+    assert {path.name for path in docs.glob("*.md")} == {
+        "README.md",
+        "glossary.md",
+        "architecture.md",
+    }
+
+
 def test_every_result_is_linked_from_a_page():
     linked = {target for page in PAGES for target, _ in links(page)}
     kept = [path for path in RESULTS.rglob("*") if path.is_file()]

@@ -17,7 +17,7 @@ import numpy as np
 import pytest
 
 import vsr2.effects
-from effect_checks import engines_differ
+from check_effects import engines_differ
 from effect_closed_forms import FORMS, closed_forms
 from vsr2._native import FastRefusal
 from vsr2.effects import Effect, Parameter, in_order, library, with_effects
@@ -231,7 +231,7 @@ def test_the_table_of_checks_holds_every_effect_and_none_that_fails() -> None:
     text = (ROOT / "docs" / "results" / "effects" / "checks.csv").read_text()
     rows = list(csv.DictReader(line for line in text.splitlines() if not line.startswith("#")))
     names = [effect.name for effect in EFFECTS]
-    assert [row["effect"] for row in rows] == names, "python studies/effect_checks.py"
+    assert [row["effect"] for row in rows] == names, "python studies/check_effects.py"
     for row in rows:
         assert row["neutral"] == "true"
         assert row["fast"] == "yes"

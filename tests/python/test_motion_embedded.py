@@ -16,7 +16,7 @@ FOLDER = Path(__file__).parents[2] / "configs" / "motions"
 
 @pytest.fixture(scope="module")
 def make():
-    spec = importlib.util.spec_from_file_location("make_motions", FOLDER / "make.py")
+    spec = importlib.util.spec_from_file_location("make_motions", FOLDER / "make_motions.py")
     module = importlib.util.module_from_spec(spec)
     sys.modules[spec.name] = module
     spec.loader.exec_module(module)

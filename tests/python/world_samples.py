@@ -21,4 +21,4 @@ def pair_values(contact: Contact) -> _native.ContactValues:
     rock, pedestal = (
         _native.ContactValues(**one.model_dump()) for one in (contact.rock, contact.pedestal)
     )
-    return _native.combine(rock, pedestal)
+    return _native.combine(a=rock, b=pedestal)

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsr2.analysis.bootstrap import Interval, classification_intervals
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.campaign import Campaign, intensity_measures, motion_folds
 from vsr2.errors import ResultError
@@ -29,12 +30,14 @@ class LogisticRules:
         constant: spread below which a term counts as constant.
         iterations: of the solver at most.
         tolerance: of its gradient.
+        folds: by motion; usual for cross-validation (Kohavi 1995).
     """
 
     prior_width: float = 10.0
     constant: float = 1e-12
     iterations: int = 10_000
     tolerance: float = 1e-8
+    folds: int = 10
 
 
 LOGISTIC = LogisticRules()
@@ -144,7 +147,9 @@ def _terms(pga: ArrayLike, pgv_pga: ArrayLike) -> Array:
     return np.stack([a, b, a * a, a * b, b * b], axis=1)
 
 
-def logistic_baseline(campaign: Campaign, *, folds: int = 10, seed: int = 0) -> LogisticBaseline:
+def logistic_baseline(
+    campaign: Campaign, *, folds: int = LOGISTIC.folds, seed: int = 0
+) -> LogisticBaseline:
     """Fit the no-physics model to a campaign, in sample and out of fold.
 
     Folds keep the trials of a ground motion together (:func:`vsr2.campaign.motion_folds`).
@@ -199,9 +204,9 @@ def _is_prediction(column: Array) -> bool:
 def baseline_scores(
     campaign: Campaign,
     *,
-    folds: int = 10,
+    folds: int = LOGISTIC.folds,
     seed: int = 0,
-    replicates: int = 2000,
+    replicates: int = INTERVALS.replicates,
 ) -> list[BaselineScore]:
     """The logistic curve (out of fold and in sample) and peers' predictions, scored alike.
 

@@ -16,6 +16,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.metrics import classification_metrics
 from vsr2.campaign import motion_resamples
 from vsr2.errors import ResultError
@@ -54,8 +55,8 @@ def classification_intervals(
     predicted: ArrayLike,
     motions: ArrayLike,
     *,
-    level: float = 0.95,
-    replicates: int = 2000,
+    level: float = INTERVALS.level,
+    replicates: int = INTERVALS.replicates,
     seed: int = 0,
 ) -> Mapping[str, Interval]:
     """Accuracy, precision, recall, F1 and their objective, with intervals.
@@ -118,7 +119,9 @@ def _ratio(part: Array, total: Array) -> Array:
     return out
 
 
-def percentile_interval(value: float, replicates: Array, level: float = 0.95) -> Interval:
+def percentile_interval(
+    value: float, replicates: Array, level: float = INTERVALS.level
+) -> Interval:
     """A figure with its percentile interval.
 
     Args:

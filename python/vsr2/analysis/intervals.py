@@ -29,8 +29,8 @@ class IntervalRules:
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Quantiles that an interval lies between."""
-        return (1 - self.level) / 2, (1 + self.level) / 2
+        """Quantiles that an interval lies between, as decimal fractions are read."""
+        return round((1 - self.level) / 2, 12), round((1 + self.level) / 2, 12)
 
 
 INTERVALS = IntervalRules()

@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsr2.analysis.bootstrap import SCORES, Interval, percentile_interval, score_replicates
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.metrics import classification_metrics
 from vsr2.campaign import motion_resamples
 from vsr2.errors import ResultError
@@ -101,7 +102,7 @@ def probability_intervals(
     probability: ArrayLike,
     motions: ArrayLike,
     *,
-    replicates: int = 2000,
+    replicates: int = INTERVALS.replicates,
     seed: int = 0,
 ) -> Mapping[str, Interval]:
     """Log loss [nat], Brier score and scores of outcomes at 0.5, with intervals over motions.
@@ -139,7 +140,7 @@ def reliability(
     probability: ArrayLike,
     motions: ArrayLike,
     *,
-    replicates: int = 2000,
+    replicates: int = INTERVALS.replicates,
     seed: int = 0,
 ) -> tuple[ReliabilityBin, ...]:
     """The calibration curve: share observed in bins of what was predicted.

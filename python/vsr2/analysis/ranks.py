@@ -13,6 +13,8 @@ from functools import lru_cache
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsr2.analysis.intervals import INTERVALS
+
 Array = NDArray[np.float64]
 
 
@@ -22,13 +24,13 @@ class RankRules:
 
     Attributes:
         points: at which the distribution of ranks is compared with the uniform one: 5 % apart.
-        level: of the band that holds all points at once; usual in engineering statistics.
+        level: of the band that holds all points at once: that of intervals.
         draws: of uniform ranks, that say how far these scatter: the level of the band is then known
             to sqrt(0.95 x 0.05 / 4000), 0.3 %.
     """
 
     points: int = 19
-    level: float = 0.95
+    level: float = INTERVALS.level
     draws: int = 4000
 
 

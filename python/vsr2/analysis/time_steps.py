@@ -4,17 +4,19 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import asdict, dataclass, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.analysis.overturning_margin import seek_margins
+from vsr2.analysis.overturning_margin import MARGIN, seek_margins
 from vsr2.config import Study
 from vsr2.errors import SimulationError
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
 from vsr2.simulation import check_trials, run_batch, study_trials
+from vsr2.simulation.run_constants import run_constants
 from vsr2.trial import Trial, rows_only
 
 Array = NDArray[np.float64]
@@ -48,6 +50,11 @@ class TimeStepConstants:
 
 
 TIME_STEPS = TimeStepConstants()
+
+
+def time_step_constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers that a comparison rests on, by what they are of."""
+    return {"time_steps": asdict(TIME_STEPS), "margin": asdict(MARGIN), **run_constants()}
 
 
 @dataclass(frozen=True)

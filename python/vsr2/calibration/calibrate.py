@@ -15,6 +15,7 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.analysis import baseline_scores, classification_intervals
 from vsr2.analysis.baseline import LOGISTIC, BaselineScore, Fitted
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.probability import RELIABILITY
 from vsr2.calibration.calibration_study import (
     CALIBRATION,
@@ -39,6 +40,8 @@ from vsr2.calibration.search import (
 )
 from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resamples
 from vsr2.config.extended import Plain
+from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
+from vsr2.diagnosis.simulated.simulator import SIMULATION
 from vsr2.errors import CampaignError, ResultError
 from vsr2.results import base_provenance
 from vsr2.simulation.run_constants import run_constants
@@ -281,12 +284,7 @@ def calibrate(
         | {
             "study": study.study.model_dump(mode="json"),
             "calibration": settings.model_dump(mode="json"),
-            "constants": {
-                **run_constants(),
-                "calibration": asdict(CALIBRATION),
-                "baselines": asdict(LOGISTIC),
-                "reliability": asdict(RELIABILITY),
-            },
+            "constants": calibration_constants(),
             "campaign": {"name": campaign.name, "trials": len(campaign), "sha256": digest},
             "seed": seed,
             "evaluations": len(found.evaluations),
@@ -295,6 +293,19 @@ def calibrate(
             "wall_time_s": time.time() - started,
         },
     )
+
+
+def calibration_constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers that a calibration rests on, by what they are of."""
+    return {
+        **run_constants(),
+        "calibration": asdict(CALIBRATION),
+        "baselines": asdict(LOGISTIC),
+        "intervals": asdict(INTERVALS),
+        "reliability": asdict(RELIABILITY),
+        "motion_noise": asdict(MOTION_NOISE),
+        "simulation": asdict(SIMULATION),
+    }
 
 
 def _evaluated(

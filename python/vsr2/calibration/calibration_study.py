@@ -12,6 +12,8 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
+from vsr2.analysis.baseline import LOGISTIC
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.calibration.objective import Objective
 from vsr2.config.extended import ExtendedStudy, Plain, load_extended
 from vsr2.config.motion_source import AllRecordings
@@ -19,9 +21,9 @@ from vsr2.config.problems import shown
 from vsr2.config.schema import extended_schema
 from vsr2.config.section import FilePath, NonNegative, Real, Section
 from vsr2.config.sources import (
-    DESIGN,
     EXACT_START,
     OFF,
+    POWER_OF_TWO,
     PROFILE,
     REFINE,
     RESAMPLES,
@@ -56,7 +58,7 @@ class CalibrationConstants:
 
     first_deviation: float = 0.2
     cells: int = 7
-    baseline_folds: int = 10
+    baseline_folds: int = LOGISTIC.folds
 
 
 CALIBRATION = CalibrationConstants()
@@ -114,7 +116,7 @@ class Joint(Section):
     """All parameters together: a design that fills the ranges, then proposals of a search."""
 
     kind: Literal["joint"]
-    design: Annotated[int, Strict(), Field(ge=2, le=100_000), DESIGN] = 64
+    design: Annotated[int, Strict(), Field(ge=2, le=100_000), POWER_OF_TWO] = 64
     """Parameter sets that fill the ranges evenly, which know no outcomes and serve all folds."""
     sets: Annotated[tuple[dict[Name, Value], ...], Field(max_length=10_000)] = ()
     """Further sets to try, such as starts that statics suggests; parameters that one leaves out
@@ -154,7 +156,7 @@ class CalibrationSettings(Section):
     """How the best values are sought."""
     folds: Annotated[int, Strict(), Field(ge=0, le=1000), TEN_FOLDS] = 10
     """Folds by motion, each judged with values chosen without it; 0: in sample alone."""
-    resamples: Annotated[int, Strict(), Field(ge=100, le=100_000), RESAMPLES] = 2000
+    resamples: Annotated[int, Strict(), Field(ge=100, le=100_000), RESAMPLES] = INTERVALS.replicates
     """Bootstrap replicates over motions."""
     replicates: Annotated[int, Strict(), Field(ge=1, le=99), EXACT_START] = 1
     """Simulations of each trial under each set. 1: one, as the study has it. More: each draws

@@ -34,9 +34,9 @@ from vsr2.config import dump_study
 from vsr2.results import JOURNAL_FILE, prepare_work_folder
 from vsr2.results.atomic import csv_text, write_text
 
-TABLE = "table.csv"
+TABLE_FILE = "table.csv"
 OWN_FILES = (
-    "provenance.json", TABLE, "evaluations.csv", "predictions.csv", "folds.csv", "scores.csv",
+    "provenance.json", TABLE_FILE, "evaluations.csv", "predictions.csv", "folds.csv", "scores.csv",
     "profiles.csv", "best.yaml", "report.md",
 )  # fmt: skip
 
@@ -77,7 +77,7 @@ def save_calibration(
         "profiles.csv": profile_rows(result),
     }
     if isinstance(result.settings.method, Sequential):
-        tables[TABLE] = sequential_rows(result)
+        tables[TABLE_FILE] = sequential_rows(result)
     if result.folds:
         tables["folds.csv"] = fold_rows(result)
     texts = {name: csv_text(rows) for name, rows in tables.items()}

@@ -232,15 +232,10 @@ class Evaluator:
         """Of a replicate; 0: as the study has them."""
         scene = Scene(*bodies, study.engine, study.contact)
         motions = self._driven(study)
+        output = rows_only(study.output)
         trials = [
-            Trial(
-                scene=scene,
-                motion=motions[str(trial.motion_file)],
-                drive=study.motion.drive,
-                name=trial.trial,
-                settling=study.settling,
-                outcome=study.outcome,
-                output=rows_only(study.output),
+            Trial.of_study(
+                study, scene, motions[str(trial.motion_file)], name=trial.trial, output=output
             )
             for trial in self._campaign.trials
         ]

@@ -18,6 +18,7 @@ from enum import StrEnum
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.calibration.calibration_study import CALIBRATION, Parameter, at_share, share_of
 from vsr2.calibration.evaluation_store import Evaluation
 from vsr2.calibration.objective import Objective, objective_of, objective_replicates
@@ -122,7 +123,7 @@ def profiles(
             drawn = reference - objective_replicates(
                 observed, evaluations[top].predicted, resamples, objective
             )
-            under, over = (float(q) for q in np.quantile(drawn, [0.025, 0.975]))
+            under, over = (float(q) for q in np.quantile(drawn, INTERVALS.ends))
             made.append(
                 Cell(
                     low=low,

@@ -25,7 +25,7 @@ from vsr2.results.atomic import write_atomic
 
 Array = NDArray[np.float64]
 
-SERIES = "series"
+SERIES_FOLDER = "series"
 MAX_ARRAY_FILE_BYTES = 512 * 1024**2
 """Greater files are refused unread."""
 MAX_TOTAL_NUMBERS = 250_000_000
@@ -81,7 +81,7 @@ class ArrayFiles:
 
     def series(self, trial: str) -> Series | None:
         """The series of a trial, where there is one."""
-        file = f"{SERIES}/{trial}.npz"
+        file = f"{SERIES_FOLDER}/{trial}.npz"
         try:
             if not os.path.lexists(self._folder / file):
                 return None
@@ -110,13 +110,13 @@ class ArrayFiles:
     def unclaimed_series(self, trials: Mapping[str, int]) -> None:
         """Note series that belong to no trial: most often a slip in a name."""
         try:
-            files = sorted(os.listdir(self._folder / SERIES))
+            files = sorted(os.listdir(self._folder / SERIES_FOLDER))
         except (OSError, ValueError):
             return
         for file in files:
             if file.endswith(".npz") and file.removesuffix(".npz") not in trials:
                 self._problems.add(
-                    f"{SERIES}/{ascii(file)[1:-1][:100]}",
+                    f"{SERIES_FOLDER}/{ascii(file)[1:-1][:100]}",
                     f"belongs to no trial of {TRIALS}; rename or remove it",
                 )
 

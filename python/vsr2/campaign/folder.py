@@ -21,7 +21,7 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.argument_names import checked_names
-from vsr2.campaign.array_files import SERIES, ArrayFiles
+from vsr2.campaign.array_files import SERIES_FOLDER, ArrayFiles
 from vsr2.campaign.campaign import Campaign, CampaignTrial, Series
 from vsr2.campaign.description import FILE, Description, read_description
 from vsr2.campaign.file_problems import CampaignProblem, Problems
@@ -146,7 +146,7 @@ def _check_sampling(
                 off = np.abs(np.diff(one.time) - stated)
                 if off.max() > 0.01 * stated:
                     problems.add(
-                        f"{SERIES}/{trial}.npz",
+                        f"{SERIES_FOLDER}/{trial}.npz",
                         f"the rows {int(off.argmax())} and {int(off.argmax()) + 1} are "
                         f"{np.diff(one.time)[off.argmax()]:.9g} s apart, {FILE} states "
                         f"{stated:.9g} s; correct one, or state none",

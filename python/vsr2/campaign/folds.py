@@ -19,7 +19,7 @@ MAX_REPLICATES = 100_000
 """Of a bootstrap; bounds its memory."""
 
 
-def motion_folds(campaign: Campaign, folds: int = 10, seed: int = 0) -> NDArray[np.int64]:
+def motion_folds(campaign: Campaign, folds: int, seed: int = 0) -> NDArray[np.int64]:
     """The fold of each trial, 0 to `folds` - 1, shape (trials,).
 
     No motion has trials in two folds; numbers of overturned, standing and unknown trials are as
@@ -136,9 +136,7 @@ def _even_out(
             return
 
 
-def motion_resamples(
-    motions: ArrayLike, replicates: int = 2000, seed: int = 0
-) -> NDArray[np.int32]:
+def motion_resamples(motions: ArrayLike, replicates: int, seed: int = 0) -> NDArray[np.int32]:
     """How often each trial stands in each bootstrap replicate over motions.
 
     A replicate draws as many motions as there are, with replacement, each with all its trials.

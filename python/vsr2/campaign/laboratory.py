@@ -15,24 +15,25 @@ from pathlib import Path
 from typing import Any
 
 from vsr2.campaign.campaign import (
-    MAX_MEASURE,
     MAX_ORDER,
     Campaign,
     CampaignTrial,
     Specimen,
     trial_faults,
 )
-from vsr2.campaign.faults import extra_fault, number_fault
+from vsr2.campaign.faults import extra_fault
 from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.save import save_campaign
 from vsr2.campaign.table import Cells, Row, read_table
+from vsr2.campaign.trials_table import NUMBER_COLUMNS
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError
 from vsr2.motion import Record, read_record
 
 _TABLE = "trials.csv"
 _REQUIRED = ("test", "date", "motion")
-_OWN = (*_REQUIRED, "pga_g", "pgv_pga_s", "has_motion")
+_MEASURES = {key: NUMBER_COLUMNS[key] for key in ("pga_g", "pgv_pga")}
+_OWN = (*_REQUIRED, *_MEASURES.values(), "has_motion")
 
 
 @dataclass(frozen=True)
@@ -168,11 +169,7 @@ def _trial(row: Row, specimen: str, extras: list[str], problems: Problems) -> Ca
     date = cells.date("date", "20210630")
     if not row.cells["date"]:
         cells.refuse("date", "is blank; write it as 20210630")
-    pga_g, pgv_pga = cells.number("pga_g"), cells.number("pgv_pga_s")
-    for column, value, unit in (("pga_g", pga_g, "g"), ("pgv_pga_s", pgv_pga, "s")):
-        fault = None if value is None else number_fault(value, 0, MAX_MEASURE, unit)
-        if fault is not None:
-            cells.refuse(column, f"{shown(row.cells[column])}: {fault}; or leave it blank")
+    measures = {key: cells.number(column) for key, column in _MEASURES.items()}
     values: dict[str, Any] = {
         "trial": f"Test{test:03d}",
         "motion": row.cells["motion"],
@@ -182,8 +179,7 @@ def _trial(row: Row, specimen: str, extras: list[str], problems: Problems) -> Ca
         "overturned": cells.outcome(outcome) if outcome in row.cells else None,
         "motion_file": None,
         **dict.fromkeys(("peak_tilt", "final_yaw", "final_slip")),
-        "pga_g": pga_g,
-        "pgv_pga": pgv_pga,
+        **measures,
         "date": date,
         "note": "",
         "extra": {
@@ -192,5 +188,8 @@ def _trial(row: Row, specimen: str, extras: list[str], problems: Problems) -> Ca
     }
     for key, fault in trial_faults(values).items():
         if fault is not None:
-            cells.refuse({"pgv_pga": "pgv_pga_s"}.get(key, key), fault)
+            column = _MEASURES.get(key, key)
+            if key in _MEASURES:
+                fault = f"{shown(row.cells[column])}: {fault}; or leave it blank"
+            cells.refuse(column, fault)
     return None if cells.wrong else CampaignTrial(**values)

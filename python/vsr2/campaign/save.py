@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from vsr2.campaign.array_files import SERIES, series_arrays, write_arrays
+from vsr2.campaign.array_files import SERIES_FOLDER, series_arrays, write_arrays
 from vsr2.campaign.campaign import Campaign
 from vsr2.campaign.description import FILE, MODEL_SUFFIXES, dump_description
 from vsr2.campaign.trials_table import MOTIONS, TRIALS, trials_table
@@ -99,7 +99,7 @@ def _refuse_folder(path: Path, overwrite: bool) -> bool:
     present = sorted(entry.name for entry in path.iterdir())
     if not present:
         return False
-    strange = set(present) - {FILE, TRIALS, MOTIONS, SERIES, MODELS}
+    strange = set(present) - {FILE, TRIALS, MOTIONS, SERIES_FOLDER, MODELS}
     if FILE not in present or strange:
         what = min(strange) if strange else present[0]
         raise CampaignError(
@@ -135,7 +135,7 @@ def _write(campaign: Campaign, folder: Path, motions: str) -> None:
                 write_arrays(file, arrays, atomic=bool(motions))
     for trial in campaign.trials:
         if trial.series is not None:
-            write_arrays(folder / SERIES / f"{trial.trial}.npz", series_arrays(trial.series))
+            write_arrays(folder / SERIES_FOLDER / f"{trial.trial}.npz", series_arrays(trial.series))
     (folder / TRIALS).write_text(trials_table(campaign), encoding="utf-8", newline="")
     description = dump_description(campaign, _common_sampling(campaign), models, motions)
     (folder / FILE).write_text(description, encoding="utf-8")

@@ -31,16 +31,7 @@ MOTIONS = "motions"
 """Folder of the files that the column `motion_file` names."""
 
 _REQUIRED = ("trial", "motion", "session", "order", "specimen", "overturned")
-_OPTIONAL = (
-    *("motion_file", "peak_tilt_rad", "final_yaw_rad", "final_slip_m"),
-    *("pga_g", "pgv_pga_s", "date", "note"),
-)
-_ATTRIBUTES = (
-    *("trial", "motion", "motion_file", "session", "order", "specimen", "overturned"),
-    *("peak_tilt", "final_yaw", "final_slip", "pga_g", "pgv_pga", "date", "note"),
-)
-"""Of a trial, in the order of the columns that are written."""
-_NUMBERS = {
+NUMBER_COLUMNS = {
     "peak_tilt": "peak_tilt_rad",
     "final_yaw": "final_yaw_rad",
     "final_slip": "final_slip_m",
@@ -48,6 +39,14 @@ _NUMBERS = {
     "pgv_pga": "pgv_pga_s",
 }
 """Columns of numbers by the attribute of a trial."""
+_COLUMNS = {
+    name: NUMBER_COLUMNS.get(name, name)
+    for name in (
+        *("trial", "motion", "motion_file", "session", "order", "specimen", "overturned"),
+        *(*NUMBER_COLUMNS, "date", "note"),
+    )
+}
+"""By the attribute of a trial, in the order in which they are written."""
 
 
 class TrialsTable:
@@ -110,7 +109,7 @@ def _known_columns(columns: tuple[str, ...], problems: Problems) -> bool:
         if name not in columns:
             problems.add(TRIALS, "is missing; add it to the header", row=1, column=name)
     for name in columns:
-        if name in (*_REQUIRED, *_OPTIONAL):
+        if name in _COLUMNS.values():
             continue
         if name.startswith("x_"):
             fault = extra_fault(name)
@@ -138,7 +137,7 @@ _REPLACED = {"pga_m_s2": f"divide it by {STANDARD_GRAVITY} and call it pga_g [g]
 def _advice(name: str) -> str:
     if name in _REPLACED:
         return _REPLACED[name]
-    known = (*_REQUIRED, *_OPTIONAL)
+    known = _COLUMNS.values()
     words = re.split("[^a-z]+", name.lower())
     meant = [column for word, column in reversed(_MEANT.items()) if word in words]
     near = [*meant, *get_close_matches(name.lower(), known, n=1, cutoff=0.75)]
@@ -160,7 +159,7 @@ def _trial(
         ),
         "overturned": read.outcome("overturned"),
         "motion_file": cells.get("motion_file", cells["motion"]) or None,
-        **{key: read.number(column) for key, column in _NUMBERS.items()},
+        **{key: read.number(column) for key, column in NUMBER_COLUMNS.items()},
         "date": read.date("date", "2021-06-30"),
         "note": cells.get("note", ""),
         "extra": {name: value for name in extras if (value := read.number(name)) is not None},
@@ -173,7 +172,7 @@ def _trial(
             if own_file
             else "(or name the files in a column `motion_file`)"
         )
-    columns = _NUMBERS | ({} if own_file else {"motion_file": "motion"})
+    columns = NUMBER_COLUMNS | ({} if own_file else {"motion_file": "motion"})
     for key, fault in faults.items():
         if fault is not None:
             read.refuse(columns.get(key, key), fault)
@@ -201,7 +200,7 @@ def trials_table(campaign: Campaign) -> str:
         return str(value)
 
     rows = [
-        {_NUMBERS.get(key, key): getattr(trial, key) for key in _ATTRIBUTES} | dict(trial.extra)
+        {name: getattr(trial, key) for key, name in _COLUMNS.items()} | dict(trial.extra)
         for trial in campaign.trials
     ]
     cells = [{name: cell(value) for name, value in row.items()} for row in rows]

@@ -92,7 +92,7 @@ class Making:
     set: opt.Settings = ()
 
 
-MAKING = Making()
+MAKING_OPTIONS = Making()
 
 
 @verbs.command
@@ -101,7 +101,7 @@ def make(
     /,
     *,
     out: Path,
-    making: Making = MAKING,
+    making: Making = MAKING_OPTIONS,
     made_of: Pack = PACK,
     resume: opt.Resume = False,
     quiet: opt.Quiet = False,

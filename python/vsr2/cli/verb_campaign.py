@@ -137,7 +137,7 @@ def compare(
     """
     from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Hypotheses
-    from vsr2.diagnosis.reference_campaign import REFERENCE, compare_reference
+    from vsr2.diagnosis.reference_campaign import compare_reference, reference_constants
     from vsr2.report.messages.commands import reference_table
 
     study = opt.scene(scene, set)
@@ -149,7 +149,7 @@ def compare(
         seed=seed,
     )
     if json:
-        opt.print_json({"constants": REFERENCE, "measures": found})
+        opt.print_json({"constants": reference_constants(), "measures": found})
     else:
         print(reference_table(found))
     return int(any(one.differs for one in found))
@@ -323,7 +323,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Simulation:
+class Simulating:
     """How a campaign is simulated.
 
     Attributes:
@@ -345,7 +345,7 @@ class Simulation:
     quiet: opt.Quiet = False
 
 
-SIMULATION = Simulation()
+SIMULATING = Simulating()
 
 
 class NoiseOptions(MeasurementNoise):
@@ -377,7 +377,7 @@ def simulate(
     /,
     *,
     out: Destination,
-    options: Simulation = SIMULATION,
+    options: Simulating = SIMULATING,
     noise: Noise = NO_NOISE,
 ) -> int:
     """Make a campaign out of a study.
@@ -414,7 +414,7 @@ def simulate(
 
 
 def _simulated(
-    study: Study, dest: Path, checkpoint: Path, options: Simulation, noise: MeasurementNoise
+    study: Study, dest: Path, checkpoint: Path, options: Simulating, noise: MeasurementNoise
 ) -> Campaign:
     from vsr2.campaign import RunOptions, load_campaign, simulate_campaign
     from vsr2.results import has_journal, prepare_folder

@@ -125,6 +125,7 @@ def time_step(
     from dataclasses import asdict
 
     from vsr2.analysis import compare_time_steps, longest_time_step
+    from vsr2.analysis.time_steps import time_step_constants
     from vsr2.diagnosis.pipeline import Progress, Stage
     from vsr2.errors import ConfigError
     from vsr2.report.messages.commands import time_step_table
@@ -146,7 +147,14 @@ def time_step(
     longest = longest_time_step(found, tolerance)
     if json:
         rows = [asdict(one) for one in found]
-        print_json({"tolerance": tolerance, "longest_time_step": longest, "time_steps": rows})
+        print_json(
+            {
+                "tolerance": tolerance,
+                "longest_time_step": longest,
+                "time_steps": rows,
+                "constants": time_step_constants(),
+            }
+        )
     else:
         print(time_step_table(found, longest, tolerance))
     return 0

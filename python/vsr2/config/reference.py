@@ -52,15 +52,11 @@ _UNIT = re.compile(r"\s*\[([^\[\]]+)\]")
 
 def reference_markdown() -> str:
     """The text of `docs/reference/configuration.md`: every key, its type, default and meaning."""
-    return "\n".join([_HEAD, *_sections(Study)])
+    return "\n".join([_HEAD, *key_tables(Study)])
 
 
-def keys_markdown(section: type[Section]) -> str:
-    """Tables of the keys of a section and of those below, for a page that has a heading of it."""
-    return "\n".join(_sections(section)).replace("\n## ", "\n### ").strip() + "\n"
-
-
-def _sections(root: type[Section]) -> Iterator[str]:
+def key_tables(root: type[Section]) -> Iterator[str]:
+    """Lines of the tables of keys, of a section and of those below, each with its heading."""
     headings: dict[type[Section], list[str]] = {}
     for above, section in all_sections(root):
         known = headings.setdefault(section, [])

@@ -87,6 +87,6 @@ SUPPLEMENT_SEARCH = Source("chosen: more than the five iterations of supplement 
 SMALLEST_GAIN = Source("chosen: less than one outcome of 582 changes the objective by")
 TEN_FOLDS = Source("usual for cross-validation (Kohavi 1995)")
 RESAMPLES = Source("usual for percentile intervals (Efron and Tibshirani 1993)")
-DESIGN = Source("chosen: a power of two, at which a Sobol sequence is even")
+POWER_OF_TWO = Source("chosen: a power of two, at which a Sobol sequence is even")
 REFINE = Source("chosen: a third of the default design")
 PROFILE = Source("chosen: few enough to afford, enough to show a curve's shape")

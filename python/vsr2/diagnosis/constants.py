@@ -5,14 +5,16 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from vsr2.analysis.intervals import INTERVALS
+from vsr2.analysis.probability import RELIABILITY
 from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
 from vsr2.diagnosis.how_far.waterfall import WATERFALL
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.observed.features import SERIES
 from vsr2.diagnosis.observed.observations import OBSERVED
-from vsr2.diagnosis.observed.table_motion import TABLE
-from vsr2.diagnosis.posterior.calibration import CALIBRATION
+from vsr2.diagnosis.observed.table_motion import TABLE_MOTION
+from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
 from vsr2.diagnosis.posterior.goodness_of_fit import LIBRARY_FIT
 from vsr2.diagnosis.posterior.naming import NAMING
@@ -37,7 +39,7 @@ def diagnosis_constants() -> dict[str, dict[str, Any]]:
     return {
         "observed": asdict(OBSERVED),
         "series": asdict(SERIES),
-        "table_motion": asdict(TABLE),
+        "table_motion": asdict(TABLE_MOTION),
         "schedule": asdict(SCHEDULE),
         "simulation": asdict(SIMULATION),
         "look": asdict(LOOK),
@@ -49,7 +51,7 @@ def diagnosis_constants() -> dict[str, dict[str, Any]]:
         "network": asdict(NETWORK),
         "prior": asdict(PRIOR),
         "training": asdict(TRAINING),
-        "calibration": asdict(CALIBRATION),
+        "calibration": asdict(CALIBRATED),
         "parameters": asdict(PARAMETERS),
         "library_fit": asdict(LIBRARY_FIT),
         "naming": asdict(NAMING),
@@ -57,6 +59,8 @@ def diagnosis_constants() -> dict[str, dict[str, Any]]:
         "scan": asdict(SCAN),
         "held_out": asdict(HELD_OUT),
         "waterfall": asdict(WATERFALL),
+        "intervals": asdict(INTERVALS),
+        "reliability": asdict(RELIABILITY),
         "measurement": asdict(MEASUREMENT),
         "limits": asdict(LIMITS),
         **run_constants(),

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.config import Study, dump_study
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.parameters import PARAMETERS
 from vsr2.diagnosis.simulated.library import Library, free_parameters, is_angle, turn_of
 from vsr2.diagnosis.verdict.document import Diagnosis
@@ -143,7 +144,7 @@ def drawn_studies(found: Diagnosis, study: Study, draws: int, *, seed: int = 0) 
     if corrected_study(found, study) is None:
         return []
     check_draws(draws, min(len(rows) for rows in found.samples.values()))
-    rng = np.random.default_rng([seed, 91])
+    rng = generator(seed, Stream.CORRECTED)
     acts = {row["name"]: row["acts"] for row in found.content["effects"]}
     candidates = [
         names

@@ -35,6 +35,7 @@ from vsr2.diagnosis.simulated.campaigns import (
     plain_campaigns,
     simulate_campaigns,
 )
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import Look, look
@@ -98,7 +99,7 @@ class Question:
     excluded: tuple[str, ...] = ()
     references: tuple[Campaign, ...] = ()
     seed: int = 0
-    most_effects: int = 2
+    most_effects: int = HYPOTHESIS.usual_effects
     waterfall: bool = False
 
 
@@ -228,8 +229,8 @@ def _responding(found: Look, name: str, trials: int) -> NDArray[np.int64]:
     if not found.responding.size:
         raise DiagnosisError(
             f"campaign {name!r}: none of its {trials} trials lifts off in the scene, so that no "
-            "cause can be told from another; drive the trials more strongly, or correct the scene "
-            "(size of the rock, motions and their units)"
+            "cause can be distinguished from another; drive the trials more strongly, or correct "
+            "the scene (size of the rock, motions and their units)"
         )
     return found.responding
 

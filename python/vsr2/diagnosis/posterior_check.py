@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
 from typing import Any
@@ -13,10 +13,12 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.intervals import Score
+from vsr2.analysis.ranks import RANKS
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, scene_simulator
+from vsr2.diagnosis.constants import diagnosis_constants
 from vsr2.diagnosis.coverage.coverage_scores import (
     LEVELS,
     CoverageScores,
@@ -26,8 +28,9 @@ from vsr2.diagnosis.coverage.coverage_scores import (
 from vsr2.diagnosis.coverage.judged import Judged, judge_planted
 from vsr2.diagnosis.coverage.planted_campaigns import Planted, draw_planted
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
+from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
 from vsr2.diagnosis.pipeline import Progress, Report, Stage
-from vsr2.diagnosis.posterior.calibration import CALIBRATION
+from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.posterior.discrepancy import Disturbance
 from vsr2.diagnosis.posterior.files import load_posterior
 from vsr2.diagnosis.protocol_cache import ProtocolCache
@@ -38,7 +41,7 @@ from vsr2.diagnosis.simulated.campaigns import (
     plain_campaigns,
     simulate_campaigns,
 )
-from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS, Hypotheses
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import Look, look
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES
@@ -88,7 +91,7 @@ class PosteriorCheck(OneLine):
                 for one in (*together, *scores.parameters)
             ],
             "causes": {
-                "level": CALIBRATION.coverage,
+                "level": CALIBRATED.coverage,
                 **_score("held", scores.causes),
                 "size": scores.set_size,
             },
@@ -217,7 +220,7 @@ def check_with(
     *,
     cache: ProtocolCache,
     planted: int,
-    most: int = 2,
+    most: int = HYPOTHESIS.usual_effects,
     report: Report | None = None,
 ) -> PosteriorCheck:
     """Check a posterior with any simulator of the trials.
@@ -255,8 +258,10 @@ def check_with(
         )  # fmt: skip
         campaigns = _simulated(store, found, chosen, (most, seed), report)
         simulated = store.simulated
-    features = _noted(seen, found, campaigns, seed + 1)
-    outcomes, noted = disturbed(campaigns.overturned, features, np.random.default_rng([seed, 63]))
+    features = _noted(seen, found, campaigns, seed + NoiseStream.PLANTED)
+    outcomes, noted = disturbed(
+        campaigns.overturned, features, generator(seed, Stream.PLANTED_COPIES)
+    )
     judged = tuple(
         judge_planted(posterior, chosen, outcomes, noted, excluded=known["excluded"], seed=seed)
     )
@@ -269,9 +274,15 @@ def check_with(
             "seed": seed,
             "campaigns": posterior.campaigns,
             "excluded": list(known["excluded"]),
+            "constants": check_constants(),
             "simulated_in_this_run": simulated,
         },
     )
+
+
+def check_constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers that a check rests on, by what they are of."""
+    return {"ranks": asdict(RANKS), **diagnosis_constants()}
 
 
 def _finished(folder: Path) -> Mapping[str, Any]:

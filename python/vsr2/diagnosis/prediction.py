@@ -39,18 +39,18 @@ from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
+from vsr2.diagnosis.constants import diagnosis_constants
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS, Hypotheses
+from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
-from vsr2.diagnosis.simulated.simulator import SIMULATION, Request
+from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import check_study_effects, effect
 from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
 from vsr2.results import base_provenance
 from vsr2.results.atomic import csv_text, write_text
-from vsr2.simulation.run_constants import run_constants
 
 Array = NDArray[np.float64]
 Scene = Study | str | PathLike[str]
@@ -76,7 +76,7 @@ class PredictionConstants:
 
     replicates: int = 16
     chunk: int = 128
-    folds: int = 10
+    folds: int = LOGISTIC.folds
     reach: float = 1.0
     halvings: int = 6
 
@@ -298,7 +298,7 @@ def predict(
             "simulators": runs.identities,
             "replicates": count,
             "nuisances": [one.to_json() for one in (*plain.nuisances, *plain.contact_family)],
-            "constants": _constants(),
+            "constants": prediction_constants(),
             "seed": seed,
         },
     )  # fmt: skip
@@ -307,16 +307,13 @@ def predict(
     return found
 
 
-def _constants() -> dict[str, dict[str, Any]]:
+def prediction_constants() -> dict[str, dict[str, Any]]:
     """Tuned numbers that a prediction rests on, by what they are of."""
     return {
         "prediction": asdict(PREDICTION),
-        "reliability": asdict(RELIABILITY),
         "margin": asdict(MARGIN),
         "logistic": asdict(LOGISTIC),
-        "simulation": asdict(SIMULATION),
-        "hypotheses": asdict(HYPOTHESIS),
-        **run_constants(),
+        **diagnosis_constants(),
     }
 
 

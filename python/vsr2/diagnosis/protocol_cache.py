@@ -8,7 +8,7 @@ from pathlib import Path
 
 from vsr2.diagnosis.observed.features import Sampling
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.posterior.calibration import CALIBRATION
+from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.posterior.discrepancy import DISCREPANCY
 from vsr2.diagnosis.posterior.goodness_of_fit import LIBRARY_FIT
 from vsr2.diagnosis.posterior.naming import NAMING
@@ -18,6 +18,7 @@ from vsr2.diagnosis.posterior.summaries import SUMMARY
 from vsr2.diagnosis.posterior.training import TRAINING
 from vsr2.diagnosis.posterior.truth import PRIOR
 from vsr2.diagnosis.simulated.campaigns import SET_PRIOR
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 
 SIMULATIONS, POSTERIORS = "simulations.jsonl", "posterior-*.npz"
 
@@ -46,7 +47,12 @@ class ProtocolCache:
         return self.folder / SIMULATIONS
 
     def posterior(
-        self, identity: str, seen: Observations, campaigns: int, seed: int, most: int = 2
+        self,
+        identity: str,
+        seen: Observations,
+        campaigns: int,
+        seed: int,
+        most: int = HYPOTHESIS.usual_effects,
     ) -> Path:
         """File of the posterior trained for a simulator and what a campaign measures.
 
@@ -59,7 +65,7 @@ class ProtocolCache:
         """
         digest = hashlib.blake2b(digest_size=8)
         constants = (
-            SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATION,
+            SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATED,
             PARAMETERS, SET_PRIOR,
         )  # fmt: skip
         parts = (

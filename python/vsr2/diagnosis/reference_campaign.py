@@ -8,15 +8,18 @@ and starts are drawn again. A campaign that differs by more than these is not th
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import asdict, dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
 from vsr2.config import Study
+from vsr2.diagnosis.constants import diagnosis_constants
 from vsr2.diagnosis.observed.features import TILT_FEATURES, rest_features
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.look import LOOK
@@ -44,6 +47,11 @@ class ReferenceConstants:
 
 
 REFERENCE = ReferenceConstants()
+
+
+def reference_constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers that a comparison rests on, by what they are of."""
+    return {"reference": asdict(REFERENCE), **diagnosis_constants()}
 
 
 @dataclass(frozen=True)
@@ -123,7 +131,7 @@ def agreement(
     turn = np.full(shape, np.nan)
     if found.features is not None and found.features.shape[1] > len(TILT_FEATURES):
         turn = found.features[:, len(TILT_FEATURES)].reshape(shape)
-    rng = np.random.default_rng([seed, 61])
+    rng = generator(seed, Stream.REFERENCE)
     noise = seen.tilt_noise * rng.standard_normal(shape)
     noise[0] = 0.0
     peak = np.maximum(peak + noise, 0.0)

@@ -33,6 +33,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.errors import ResultError
 from vsr2.fragility.settings import FIT
 
@@ -273,7 +274,7 @@ def fit_fragility(
     groups: ArrayLike,
     *,
     names: Sequence[str] = ("pga_g",),
-    level: float = 0.95,
+    level: float = INTERVALS.level,
     surface: Literal["quadratic", "linear"] = "quadratic",
 ) -> FragilityFit:
     """Fit a fragility curve or surface.

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.effects import apply_effects
 from vsr2.errors import ResultError
 from vsr2.fragility.fit import FragilityFit, fit_fragility
@@ -202,9 +203,14 @@ def _fitted(
         | {
             "study": study.study.model_dump(mode="json"),
             "fragility": settings.model_dump(mode="json"),
-            "constants": {**run_constants(), "fit": asdict(FIT)},
+            "constants": fragility_constants(),
         },
     )
+
+
+def fragility_constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers that curves rest on, by what they are of."""
+    return {**run_constants(), "fit": asdict(FIT), "intervals": asdict(INTERVALS)}
 
 
 def _measures(motions: list[Motion]) -> dict[str, Array]:

@@ -9,6 +9,7 @@ from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, Strict, model_validator
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.config.extended import ExtendedStudy, load_extended
 from vsr2.config.motion_source import AllRecordings, SingleRecording
 from vsr2.config.schema import extended_schema
@@ -104,7 +105,7 @@ class FragilitySettings(Section):
     """How the start is perturbed."""
     surface: Literal["quadratic", "linear"] = "quadratic"
     """Terms of the surface in the logarithms of two measures."""
-    level: Annotated[float, Strict(), Field(gt=0, lt=1), USUAL_LEVEL] = 0.95
+    level: Annotated[float, Strict(), Field(gt=0, lt=1), USUAL_LEVEL] = INTERVALS.level
     """Of the confidence bands."""
     points: Annotated[int, Strict(), Field(ge=2, le=500), SMOOTH_CURVE] = 41
     """Intensity levels of a curve; a surface has as many along each axis."""

@@ -19,6 +19,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.errors import HazardError
 from vsr2.fragility import Lognormal
 from vsr2.hazard.hazard_curve import HazardCurve
@@ -107,14 +108,14 @@ class RateDraws:
     below: float
     above: float
 
-    def interval(self, level: float = 0.95) -> tuple[float, float]:
+    def interval(self, level: float = INTERVALS.level) -> tuple[float, float]:
         """Ends of the middle `level` of the draws [1/year]."""
         low, high = np.quantile(self.draws, [0.5 - 0.5 * level, 0.5 + 0.5 * level])
         return float(low), float(high)
 
 
 def rate_draws(
-    curve: HazardCurve, fragility: Lognormal, *, draws: int = 4000, level: float = 0.95
+    curve: HazardCurve, fragility: Lognormal, *, draws: int = 4000, level: float = INTERVALS.level
 ) -> RateDraws:
     """Rates of overturning for curves drawn about a fitted one.
 
@@ -161,7 +162,7 @@ def survival(rates: ArrayLike, age: float) -> float:
     return float(np.exp(-np.asarray(rates) * age).mean())
 
 
-def excluded_age(rates: ArrayLike, confidence: float = 0.95) -> float:
+def excluded_age(rates: ArrayLike, confidence: float = INTERVALS.level) -> float:
     """Age [year] beyond which a rock would not stand, with this confidence, were the hazard right.
 
     At this age the probability to stand is 1 - `confidence`. A rock that is known to be older

@@ -35,9 +35,9 @@ if TYPE_CHECKING:
 
 MAX_TRIALS = 6
 """Trials whose time histories are drawn by default."""
-DIAGRAM, TRACKING = "overturning_diagram", "tracking"
+DIAGRAM_FILE, TRACKING_FILE = "overturning_diagram", "tracking"
 NOTE_FILE = "README.md"
-_OWN_FILES = (f"{DIAGRAM}.png", f"{TRACKING}.png", NOTE_FILE, "time_history_*.png")
+_OWN_FILES = (f"{DIAGRAM_FILE}.png", f"{TRACKING_FILE}.png", NOTE_FILE, "time_history_*.png")
 
 
 def representative_trials(
@@ -114,7 +114,7 @@ def write_figures(
         shown[file.name] = caption
 
     draw(
-        DIAGRAM,
+        DIAGRAM_FILE,
         overturning_diagram(result),
         diagram_caption(len(result)),
     )
@@ -131,7 +131,7 @@ def write_figures(
         draw(f"time_history_{i:06d}", time_histories(log, what), history_caption(what))
     if tracked := _tracked(result, logs):
         draw(
-            TRACKING,
+            TRACKING_FILE,
             tracking_figure(tracked),
             tracking_caption(tracked),
         )

@@ -36,7 +36,7 @@ OUTCOME_STYLE: dict[str, dict[str, Any]] = {
 MAX_FREQUENCY = 50.0
 """Upper end of the frequency axis of `tracking_figure` [Hz]; ground motion has little beyond."""
 
-ROUNDING = 1e-9
+SHOWN_AS_NONE = 1e-9
 """Errors below this are shown as none: they are rounding [m]."""
 
 
@@ -142,7 +142,7 @@ def tracking_figure(logs: Mapping[str, TrialLog]) -> Figure:
     if not logs:
         raise ResultError("tracking figure: give at least one log")
     found = {name: tracking(log) for name, log in logs.items()}
-    exact = all(one.peak_error < ROUNDING for one in found.values())
+    exact = all(one.peak_error < SHOWN_AS_NONE for one in found.values())
     rows = 2 if exact else 5
     figure, axes = sheet(rows, len(logs), (1.0 + 4.5 * len(logs), 0.5 + 2.1 * rows))
     for column, (name, log) in enumerate(logs.items()):
@@ -197,7 +197,7 @@ def _error_panel(
         fontsize="small",
     )
     panel.set_xlabel("time [s]")
-    if found.peak_error < ROUNDING:
+    if found.peak_error < SHOWN_AS_NONE:
         panel.set_ylim(-1e-3, 1e-3)
 
 
@@ -235,7 +235,7 @@ def _power_panel(
 
 
 def _millimetres(length: float) -> str:
-    return f"{0.0 if length < ROUNDING else 1e3 * length:.3g} mm"
+    return f"{0.0 if length < SHOWN_AS_NONE else 1e3 * length:.3g} mm"
 
 
 def _lag_text(lag: float) -> str:

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MAX_PANELS = 12
-"""Curves that are drawn; more are not told apart."""
+"""Curves that are drawn; more cannot be distinguished."""
 BINS = 10
 """Of the observed shares beside a curve."""
 SHADES = "Blues"

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from vsr2.diagnosis.coverage.coverage_scores import LEVELS, CoverageScores
-from vsr2.diagnosis.posterior.calibration import CALIBRATION
+from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.verdict.document import CHECK_FIGURE
 from vsr2.report.diagnosis_figures import BLUE, GREY, INK, RED
 from vsr2.report.panels import legend_below, save_figure, sheet
@@ -86,7 +86,7 @@ def _reliability(panel: Axes, scores: CoverageScores) -> None:
         panel, np.array([one.stated for one in groups]), [one.right for one in groups],
         BLUE, "most probable answer, by its probability",
     )  # fmt: skip
-    level = CALIBRATION.coverage
+    level = CALIBRATED.coverage
     _points(
         panel, np.array([level]), [scores.causes], RED, f"{100 * level:g} % sets of causes", "s"
     )

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vsr2 import _native
 from vsr2.errors import ResultError
 from vsr2.results.result import TEXT_COLUMNS, TRIAL_COLUMNS, BatchResult
+from vsr2.results.trial_log import DERIVED
 
 if TYPE_CHECKING:
     import pandas
@@ -21,18 +22,11 @@ if TYPE_CHECKING:
 _SERIES = {one.name: one for one in _native.state_columns() if not one.vector}
 """Columns of the log that are no vector's; `time` is a coordinate."""
 _VECTORS = {
-    vector: [one for one in _native.state_columns() if one.vector == vector]
-    for vector in ("position", "velocity", "angular_velocity")
+    name: [one for one in _native.state_columns() if one.vector == name]
+    for name in dict.fromkeys(one.vector for one in _native.state_columns())
+    if name and name != "body_orientation"
 }
 """Columns of vectors along x, y, z. The orientation is derived, as that of the model frame."""
-_DERIVED: dict[str, tuple[tuple[str, ...], str, str]] = {
-    "tilt": ((), "rad", "angle from the settled vertical"),
-    "turn": ((), "rad", "turn about the vertical from the settled pose"),
-    "orientation": (("quaternion",), "1", "orientation of the model frame"),
-    "roll_pitch_yaw": (("angle",), "rad", "angles of the model frame about the fixed x, y, z"),
-    "slip": (("horizontal",), "m", "travel of the foot relative to the pedestal"),
-}
-"""Further dimension, unit and meaning of what is drawn from the log."""
 _COMPONENTS = {
     "axis": ["x", "y", "z"],
     "quaternion": ["x", "y", "z", "w"],
@@ -85,9 +79,10 @@ def _series(result: BatchResult) -> dict[str, Any]:
         about = {"units": columns[0].unit, "long_name": columns[0].quantity}
         parts = [result.stack(column.name) for column in columns]
         series[name] = ((*steps, "axis"), np.stack(parts, axis=-1), about)
-    for name, (dimensions, unit, meaning) in _DERIVED.items():
+    for name, (dimension, unit, meaning) in DERIVED.items():
         about = {"units": unit, "long_name": meaning}
-        series[name] = ((*steps, *dimensions), result.stack(name), about)
+        dimensions = (*steps, dimension) if dimension else steps
+        series[name] = (dimensions, result.stack(name), about)
     return series
 
 

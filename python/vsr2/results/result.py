@@ -23,7 +23,7 @@ from vsr2.argument_names import checked_names
 from vsr2.errors import ResultError
 from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyDict
-from vsr2.results.trial_log import CONTACT_COLUMNS, STATE_COLUMNS, Array, TrialLog
+from vsr2.results.trial_log import CONTACT_COLUMNS, DERIVED, STATE_COLUMNS, Array, TrialLog
 
 if TYPE_CHECKING:
     import pandas
@@ -285,13 +285,12 @@ class BatchResult(OneLine):
         """A logged quantity over all trials, shape (trials, steps) or (trials, steps, k).
 
         Rows after a trial's end, and trials without a log, are NaN. `quantity` is a name in
-        STATE_COLUMNS or one of "state", "position", "orientation", "roll_pitch_yaw", "tilt",
-        "turn", "slip".
+        STATE_COLUMNS or DERIVED, or "state" or "position".
 
         Raises:
             ResultError: unknown quantity, or no trial has a log.
         """
-        derived = ("state", "position", "orientation", "roll_pitch_yaw", "tilt", "turn", "slip")
+        derived = ("state", "position", *DERIVED)
         if quantity not in STATE_COLUMNS and quantity not in derived:
             raise ResultError(
                 f"unknown quantity {quantity!r}; known: {', '.join((*derived, *STATE_COLUMNS))}"

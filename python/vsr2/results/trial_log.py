@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -26,6 +27,34 @@ CONTACT_COLUMNS: tuple[str, ...] = tuple(one.name for one in _native.contact_col
 
 The normal points from the pedestal to the rock, a negative distance is penetration, impulses are
 over one solver step."""
+
+
+EXCURSION_COLUMNS = ("transverse", "vertical", "pitch")
+"""Columns of `TrialLog.excursions`: along y and z [m], about y [rad]."""
+
+
+class Derived(NamedTuple):
+    """What is drawn from a log, row by row, and is no column of it.
+
+    Attributes:
+        dimension: of its components; empty: it is a number.
+        unit: of them.
+        meaning: without the unit.
+    """
+
+    dimension: str
+    unit: str
+    meaning: str
+
+
+DERIVED: Mapping[str, Derived] = {
+    "tilt": Derived("", "rad", "angle from the settled vertical"),
+    "turn": Derived("", "rad", "turn about the vertical from the settled pose"),
+    "orientation": Derived("quaternion", "1", "orientation of the model frame"),
+    "roll_pitch_yaw": Derived("angle", "rad", "angles of the model frame about the fixed x, y, z"),
+    "slip": Derived("horizontal", "m", "travel of the foot relative to the pedestal"),
+}
+"""By the property of :class:`TrialLog` that gives it."""
 
 
 def _vector(columns: list[_native.Column], name: str) -> slice:
@@ -59,8 +88,8 @@ class TrialLog(OneLine, ReadOnlyArrays):
             horizontal travel relative to the pedestal is the slip, shape (3,) [m].
         mass_center: origin of B in the model frame M, shape (3,) [m].
         principal_axes: q_MB, x, y, z, w, shape (4,).
-        excursions: of the pedestal beside x, row by row with `state`: along y and z [m] and in
-            pitch [rad], shape (n, 3); (0, 3) where it moves along x only.
+        excursions: of the pedestal beside x, row by row with `state`, columns EXCURSION_COLUMNS,
+            shape (n, 3); (0, 3) where it moves along x only.
         pivot: point of the pedestal's pitch axis in the world at the start, shape (3,) [m]; the
             pedestal's place along x, y and z is that of this point. Not used without excursions.
 
@@ -84,7 +113,7 @@ class TrialLog(OneLine, ReadOnlyArrays):
 
     def __post_init__(self) -> None:
         shapes = {
-            "excursions": (None, 3),
+            "excursions": (None, len(EXCURSION_COLUMNS)),
             "pivot": (3,),
             "state": (None, len(STATE_COLUMNS)),
             "contacts": (None, len(CONTACT_COLUMNS)),
@@ -176,9 +205,25 @@ class TrialLog(OneLine, ReadOnlyArrays):
         return quaternion_product(self._unpitched, turned) if len(self.excursions) else turned
 
     @property
+    def pedestal_pitch(self) -> Array:
+        """Turn of the pedestal about y, shape (n,) [rad]; zeros where it moves along x only."""
+        if not len(self.excursions):
+            return np.zeros(len(self.state))
+        return self.excursions[:, EXCURSION_COLUMNS.index("pitch")]
+
+    @property
+    def pedestal_travel(self) -> Array:
+        """Of the pedestal along x, y and z, of the point `pivot`, shape (n, 3) [m]."""
+        moved = np.zeros((len(self.state), 3))
+        moved[:, 0] = self.column("pedestal_position")
+        if len(self.excursions):
+            moved[:, 1:] = self.excursions[:, : EXCURSION_COLUMNS.index("pitch")]
+        return moved
+
+    @property
     def _unpitched(self) -> Array:
         """From the world to the pedestal, q_PW, shape (n, 4)."""
-        half = 0.5 * self.excursions[:, 2]
+        half = 0.5 * self.pedestal_pitch
         zero = np.zeros_like(half)
         return np.stack([zero, -np.sin(half), zero, np.cos(half)], axis=-1)
 
@@ -225,8 +270,7 @@ class TrialLog(OneLine, ReadOnlyArrays):
         foot = self.position + rotate(self.body_orientation, self.foot)
         start = self.settled_position + rotate(self.settled_orientation, self.foot)
         if len(self.excursions):
-            moved = np.column_stack([self.column("pedestal_position"), self.excursions[:, :2]])
-            on_pedestal = rotate(self._unpitched, foot - (self.pivot + moved))
+            on_pedestal = rotate(self._unpitched, foot - (self.pivot + self.pedestal_travel))
             return on_pedestal[:, :2] - (start - self.pivot)[:2]
         travel = foot[:, :2] - start[:2]
         travel[:, 0] -= self.column("pedestal_position")

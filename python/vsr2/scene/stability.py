@@ -15,7 +15,7 @@ from vsr2.errors import GeometryError
 from vsr2.scene.body import Array, MassProperties, RockBody
 from vsr2.scene.mass import box_inertia, mesh_mass_properties
 from vsr2.scene.mesh import load_mesh
-from vsr2.scene.mesh_repair import signed_volume
+from vsr2.scene.mesh_repair import REPAIR, signed_volume
 from vsr2.scene.rotation import (
     IDENTITY,
     Quaternion,
@@ -24,7 +24,7 @@ from vsr2.scene.rotation import (
     quaternion_from_matrix,
 )
 from vsr2.scene.shapes import hull_surface, rock_points
-from vsr2.scene.urdf import load_urdf
+from vsr2.scene.urdf import URDF, load_urdf
 
 
 @dataclass(frozen=True)
@@ -38,15 +38,27 @@ class StabilityConstants:
         granite_density: assumed where neither density nor mass is given [kg/m^3]; granites have
             about 2600 to 2800.
         azimuths: directions of a report, anticlockwise from x [degree].
+        rare: stable poses of at most this probability are left out.
     """
 
     gravity: float = Engine().gravity
     support: float = 0.01
     granite_density: float = 2700.0
     azimuths: tuple[float, ...] = tuple(float(azimuth) for azimuth in range(0, 360, 15))
+    rare: float = 0.005
 
 
 STABILITY = StabilityConstants()
+
+
+def stability_constants(**given: Any) -> dict[str, dict[str, Any]]:
+    """Tuned numbers that a report rests on, by what they are of.
+
+    Args:
+        given: what was asked for in place of some of :class:`StabilityConstants`.
+    """
+    stability = asdict(STABILITY) | given
+    return {"stability": stability, "mesh_repair": asdict(REPAIR), "urdf": asdict(URDF)}
 
 
 @dataclass(frozen=True)
@@ -109,7 +121,7 @@ class Support:
 
 
 def stable_poses(
-    mesh: object, *, mass_center: Array | None = None, threshold: float = 0.005
+    mesh: object, *, mass_center: Array | None = None, threshold: float = STABILITY.rare
 ) -> list[StablePose]:
     """Poses in which a body rests on a horizontal plane, most probable first.
 
@@ -365,6 +377,7 @@ def inertia_summary(
         "slenderness_orientation": list(standing),
         "slenderness_as_given": standing == orientation,
         "slenderness": [asdict(row) for row in rows],
+        "constants": stability_constants(gravity=gravity, azimuths=list(azimuths)),
     }
 
 

@@ -49,7 +49,7 @@ from vsr2.results import (
 from vsr2.simulation.distributed import run_on_cluster
 from vsr2.simulation.native_scenes import native_scene
 from vsr2.simulation.native_trials import run_native
-from vsr2.simulation.planning import check_trials, log_bytes, plan_sha256, study_trials
+from vsr2.simulation.planning import ROW_BYTES, check_trials, log_bytes, plan_sha256, study_trials
 from vsr2.simulation.run_constants import run_constants
 from vsr2.trial import Observation, Trial
 
@@ -58,9 +58,7 @@ if TYPE_CHECKING:
 
 _LOST, _COMPLETE = 1, 2
 """What a journal holds of a trial: a row whose log is lost, or all of it."""
-_ROW_BYTES = 256
-"""Least size of a trial's row, in the journal and in the table."""
-OBSERVED = tuple(field.name for field in fields(Observation))
+OBSERVED_COLUMNS = tuple(field.name for field in fields(Observation))
 """Columns of what is written down of a trial, which effects on the outcome change."""
 
 _logger = logging.getLogger(__name__)
@@ -270,7 +268,7 @@ class _Collection:
         remove_temporaries(folder)
         require_space(
             folder,
-            sum(2 * _ROW_BYTES + log_bytes(self._trials[i], least=True) for i in self.pending),
+            sum(2 * ROW_BYTES + log_bytes(self._trials[i], least=True) for i in self.pending),
         )
 
     def _fill(self, i: int, row: Mapping[str, Any]) -> None:
@@ -304,7 +302,7 @@ def observed(trial: Trial, row: Mapping[str, Any]) -> Mapping[str, Any]:
     rules = [applied for applied in trial.effects if applied.effect.stage == "outcome"]
     if not rules or row["outcome"] == Outcome.failed:
         return row
-    observation = Observation(**{key: row[key] for key in OBSERVED})
+    observation = Observation(**{key: row[key] for key in OBSERVED_COLUMNS})
     for rule in rules:
         observation = rule.effect.observe(observation, dict(rule.values))
     return {**row, **asdict(observation)}

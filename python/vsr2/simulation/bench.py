@@ -25,6 +25,7 @@ from vsr2.effects import Bench, Effect, Response, with_effects
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion, cosine_motion
 from vsr2.results import JUDGED, Outcome, TrialLog
+from vsr2.results.trial_log import ANGULAR_VELOCITY, EXCURSION_COLUMNS, VELOCITY
 from vsr2.scene import (
     Box,
     Hull,
@@ -41,7 +42,7 @@ from vsr2.scene import (
 )
 from vsr2.scene.rotation import multiply
 from vsr2.scene.shapes import hull_surface
-from vsr2.simulation.batch import OBSERVED, run_batch
+from vsr2.simulation.batch import OBSERVED_COLUMNS, run_batch
 from vsr2.simulation.simulation import Simulation
 from vsr2.trial import Observation, Trial
 
@@ -171,7 +172,7 @@ class EffectBench(Bench):
             raise SimulationError(f"bench: the trial ended with status {why}")
         log = result.logs[0]
         assert log is not None
-        return _response(log, Observation(**{key: result[key][0] for key in OBSERVED}))
+        return _response(log, Observation(**{key: result[key][0] for key in OBSERVED_COLUMNS}))
 
     def release(self, trial: Trial, tilt: float, duration: float, *, spin: float = 0.0) -> Response:
         """Free motion from a tilt [rad] for a time [s], with a spin [rad/s]."""
@@ -192,7 +193,7 @@ class EffectBench(Bench):
             state = simulation.step(0.0)
             assert state is not None
             rows.append(state)
-            pitch.append(simulation.excursion[2])
+            pitch.append(simulation.excursion[EXCURSION_COLUMNS.index("pitch")])
         tilts = np.array([_tilt(upright, state.body_orientation) for state in rows])
         names = ("time", "position", "velocity", "angular_velocity")
         series = {name: np.array([getattr(state, name) for state in rows]) for name in names}
@@ -217,10 +218,10 @@ def _response(log: TrialLog, observation: Observation) -> Response:
         time=log.time[shaken],
         tilt=log.tilt[shaken],
         position=log.position[shaken],
-        velocity=np.column_stack([log.column(f"rock_v{axis}")[shaken] for axis in "xyz"]),
-        angular_velocity=np.column_stack([log.column(f"rock_w{axis}")[shaken] for axis in "xyz"]),
+        velocity=log.state[shaken, VELOCITY],
+        angular_velocity=log.state[shaken, ANGULAR_VELOCITY],
         pedestal=log.column("pedestal_position")[shaken],
-        pitch=log.excursions[shaken, 2] if len(log.excursions) else np.zeros(int(shaken.sum())),
+        pitch=log.pedestal_pitch[shaken],
         observation=observation,
     )
 

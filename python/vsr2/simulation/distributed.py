@@ -52,7 +52,7 @@ class ClusterConstants:
         chunks_a_thread: least number of chunks that each thread gets, if there are so many trials.
         window: least number of chunks under way.
         fetches: results that are fetched at a time.
-        stop_grace: for which results are waited for once workers were told to stop [s].
+        stop_grace: for which results are waited for once workers were asked to stop [s].
         count_every: between two counts of the cluster's threads [s].
     """
 

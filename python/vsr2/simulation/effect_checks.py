@@ -44,7 +44,7 @@ ROCKS: tuple[Rock, ...] = ("block", "scan")
 
 @dataclass(frozen=True)
 class CheckConstants:
-    """How effects are checked; chosen by hand, `studies/effect_checks.py` shows the margins.
+    """How effects are checked; chosen by hand, `studies/check_effects.py` shows the margins.
 
     Attributes:
         lifting: PGA over that of uplift of pulses that just lift the rock: they tell edges and

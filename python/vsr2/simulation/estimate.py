@@ -6,14 +6,10 @@ import time
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
-from vsr2.results import RESULT_COLUMNS
 from vsr2.simulation.batch import run_trials, usable_threads
-from vsr2.simulation.planning import check_trials, log_bytes
+from vsr2.simulation.planning import ROW_BYTES, check_trials, log_bytes
 from vsr2.trial import Trial
 from vsr2.trial.trial import rows_only
-
-CELL_BYTES = 16
-"""A number or word of a trial's row, about."""
 
 
 @dataclass(frozen=True)
@@ -62,5 +58,5 @@ def estimate_batch(trials: Sequence[Trial], *, threads: int | None = None) -> Ba
         threads=min(count, len(trials)),
         wall_time=total / min(count, len(trials)),
         log_bytes=sum(map(log_bytes, trials)),
-        table_bytes=float(len(trials) * len(RESULT_COLUMNS) * CELL_BYTES),
+        table_bytes=float(len(trials) * ROW_BYTES),
     )

@@ -13,6 +13,7 @@ from vsr2.effects import apply_effects, chosen
 from vsr2.errors import Fault, SimulationError
 from vsr2.motion import build_motions
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS
+from vsr2.results.trial_log import EXCURSION_COLUMNS
 from vsr2.scene import Scene, build_scene
 from vsr2.scene.build import CONTACT_POINTS
 from vsr2.simulation.native_scenes import native_scene
@@ -49,15 +50,13 @@ def study_trials(study: Study, scene: Scene | None = None) -> list[Trial]:
     silent = study.output.model_copy(update={"contacts_every": 0})
     seeds = np.random.SeedSequence(study.seed).generate_state(max(1, len(motions)), np.uint32)
     trials = [
-        Trial(
-            scene=scene,
-            motion=motion,
-            drive=study.motion.drive,
+        Trial.of_study(
+            study,
+            scene,
+            motion,
             name=motion.name,
-            seed=int(seeds[i]),
-            settling=study.settling,
-            outcome=study.outcome,
             output=study.output if contact_trials is None or i in contact_trials else silent,
+            seed=int(seeds[i]),
         )
         for i, motion in enumerate(motions)
     ]
@@ -126,6 +125,10 @@ EDGE_ROWS = 2
 """Rows of a log beside those of its intervals: at the start, and of an interval that is begun."""
 
 
+ROW_BYTES = 256
+"""Size of a trial's row, in the journal as in the table, about."""
+
+
 def log_bytes(trial: Trial, *, contacts: bool = True, least: bool = False) -> float:
     """Size of a trial's log in memory [byte].
 
@@ -140,7 +143,7 @@ def log_bytes(trial: Trial, *, contacts: bool = True, least: bool = False) -> fl
         seconds = 0.0 if trial.outcome.stop_early else trial.motion.duration
     size = 0.0
     if output.log_every:
-        columns = len(STATE_COLUMNS) + (3 if trial.goes_beside_x else 0)
+        columns = len(STATE_COLUMNS) + (len(EXCURSION_COLUMNS) if trial.goes_beside_x else 0)
         rows = seconds / (step * output.log_every) + (0 if least else EDGE_ROWS)
         size += rows * columns * 8
     if contacts and output.contacts_every and not least:

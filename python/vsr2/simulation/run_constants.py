@@ -20,6 +20,7 @@ from vsr2.motion.synthetic import SYNTHETIC
 from vsr2.scene.build import NOTES
 from vsr2.scene.mesh_repair import REPAIR
 from vsr2.scene.placement import PLACEMENT
+from vsr2.scene.stability import STABILITY
 from vsr2.scene.urdf import URDF
 
 
@@ -29,6 +30,7 @@ def run_constants() -> dict[str, dict[str, Any]]:
         "mesh_repair": asdict(REPAIR),
         "urdf": asdict(URDF),
         "placement": asdict(PLACEMENT),
+        "stability": asdict(STABILITY),
         "notes": asdict(NOTES),
         "recorded": asdict(RECORDED),
         "processing": asdict(PROCESSING),

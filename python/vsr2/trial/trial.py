@@ -14,7 +14,7 @@ from vsr2._native import Outcome as Ending
 from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import DRIVE_MODES, DriveMode
 from vsr2.config.problems import shown
-from vsr2.config.study import Outcome, Output, Settling
+from vsr2.config.study import Outcome, Output, Settling, Study
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion
 from vsr2.one_line import OneLine
@@ -159,6 +159,29 @@ class Trial(OneLine):
             raise SimulationError(
                 f"Trial: drive must be {' or '.join(DRIVE_MODES)} (is {shown(self.drive)})"
             )
+
+    @classmethod
+    def of_study(
+        cls,
+        study: Study,
+        scene: Scene,
+        motion: Motion,
+        *,
+        name: str,
+        output: Output,
+        seed: int = 0,
+    ) -> Trial:
+        """One with a study's drive, settling and rules of the outcome; effects are not in it."""
+        return cls(
+            scene=scene,
+            motion=motion,
+            drive=study.motion.drive,
+            name=name,
+            seed=seed,
+            settling=study.settling,
+            outcome=study.outcome,
+            output=output,
+        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Trial):

@@ -6,7 +6,7 @@ import socket
 from collections.abc import Iterator
 from contextlib import contextmanager
 from types import ModuleType
-from typing import Any
+from typing import Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -92,6 +92,39 @@ def stop_server(server: Any) -> None:
     """Stop a server of :func:`quiet_server`."""
     with _without_banner():
         server.stop()
+
+
+class Served:
+    """What serves drawings to any number of browsers; as a context manager it stops at the end.
+
+    Args:
+        host: as of :func:`quiet_server`.
+        port: likewise.
+    """
+
+    def __init__(self, host: str, port: int) -> None:
+        self._server, self._host = quiet_server(host, port), host
+
+    @property
+    def port(self) -> int:
+        """Port that is listened on."""
+        return int(self._server.get_port())
+
+    @property
+    def url(self) -> str:
+        """Address to open in a browser on this machine."""
+        everywhere = self._host in ("0.0.0.0", "::", "")
+        return f"http://{'127.0.0.1' if everywhere else self._host}:{self.port}"
+
+    def close(self) -> None:
+        """Stop serving."""
+        stop_server(self._server)
+
+    def __enter__(self) -> Self:
+        return self
+
+    def __exit__(self, *exception: object) -> None:
+        self.close()
 
 
 @contextmanager

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from typing import Self
-
 import numpy as np
 
 from vsr2.errors import SimulationError
@@ -18,14 +16,14 @@ from vsr2.results.trial_log import (
 )
 from vsr2.scene.rotation import quaternion_from_matrix
 from vsr2.simulation import Simulation
-from vsr2.view.drawing import Drawing, quiet_server, stop_server
+from vsr2.view.drawing import Drawing, Served
 from vsr2.view.replay import Replay
 
 
-class LiveView:
+class LiveView(Served):
     """Serves the present state of a simulation to any number of browsers.
 
-    Tilt is told from the pose that the rock had when the view was made. As a context manager it
+    Tilt is measured from the pose that the rock had when the view was made. As a context manager it
     stops at the end.
 
     Args:
@@ -44,15 +42,8 @@ class LiveView:
         self._simulation = simulation
         self._settled = simulation.state
         first = self._replay()
-        self._server = quiet_server(host, port)
-        self._host = host
+        super().__init__(host, port)
         self._drawing = Drawing(self._server, first)
-
-    @property
-    def url(self) -> str:
-        """Address to open in a browser on this machine."""
-        everywhere = self._host in ("0.0.0.0", "::", "")
-        return f"http://{'127.0.0.1' if everywhere else self._host}:{self._server.get_port()}"
 
     def update(self) -> None:
         """Draw the simulation as it is now.
@@ -62,16 +53,6 @@ class LiveView:
         """
         self._drawing.replay = self._replay()
         self._drawing.show(self._simulation.time)
-
-    def close(self) -> None:
-        """Stop serving."""
-        stop_server(self._server)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
 
     def _replay(self) -> Replay:
         """The present state as a replay of one row."""

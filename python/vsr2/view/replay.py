@@ -70,20 +70,16 @@ class Replay:
     @cached_property
     def pedestal_orientation(self) -> Array:
         """Turn of the pedestal from its start at each row, x, y, z, w, shape (n, 4)."""
-        half = np.zeros(len(self.time))
-        if len(self.log.excursions):
-            half = 0.5 * self.log.excursions[:, 2]
+        half = 0.5 * self.log.pedestal_pitch
         zero = np.zeros_like(half)
         return np.stack([zero, np.sin(half), zero, np.cos(half)], axis=-1)
 
     @cached_property
     def pedestal_position(self) -> Array:
         """Where the pedestal's start frame, the world's at first, lies at each row, (n, 3) [m]."""
-        moved = np.zeros((len(self.time), 3))
-        moved[:, 0] = self.log.column("pedestal_position")
+        moved = self.log.pedestal_travel
         if not len(self.log.excursions):
             return moved
-        moved[:, 1:] = self.log.excursions[:, :2]
         pivot = np.broadcast_to(self.log.pivot, moved.shape)
         return moved + pivot - rotate(self.pedestal_orientation, pivot)
 

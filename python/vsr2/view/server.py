@@ -6,14 +6,13 @@ import os
 import threading
 import time
 from pathlib import Path
-from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import ResultError
 from vsr2.results import load_result, logged_trials
-from vsr2.view.drawing import FRAME_INTERVAL, Drawing, quiet_server, stop_server
+from vsr2.view.drawing import FRAME_INTERVAL, Drawing, Served
 from vsr2.view.replay import Replay, choose_trial, load_replay, trial_title
 
 Array = NDArray[np.float64]
@@ -29,7 +28,7 @@ PLOT_ROWS = 1000
 """Points of the tilt curve; more would not be seen."""
 
 
-class ReplayServer:
+class ReplayServer(Served):
     """Serves a 3-D replay to any number of browsers until it is closed.
 
     Time slider, play and pause, speed, tilt and slip readout, choice of trial. It works without a
@@ -59,8 +58,7 @@ class ReplayServer:
         self._logged = logged_trials(self._folder)
         first = choose_trial(self._folder, self._result, trial)
         replay = load_replay(self._folder, first)
-        self._server = quiet_server(host, port)
-        self._host = host
+        super().__init__(host, port)
         self._lock = threading.RLock()
         self._stop = threading.Event()
         self._playing = False
@@ -69,17 +67,6 @@ class ReplayServer:
         self._add_controls(replay, first)
         self._player = threading.Thread(target=self._play, name="replay", daemon=True)
         self._player.start()
-
-    @property
-    def port(self) -> int:
-        """Port that is listened on."""
-        return int(self._server.get_port())
-
-    @property
-    def url(self) -> str:
-        """Address to open in a browser on this machine."""
-        everywhere = self._host in ("0.0.0.0", "::", "")
-        return f"http://{'127.0.0.1' if everywhere else self._host}:{self.port}"
 
     @property
     def time(self) -> float:
@@ -101,13 +88,7 @@ class ReplayServer:
         if not self._stop.is_set():
             self._stop.set()
             self._player.join(timeout=5.0)
-            stop_server(self._server)
-
-    def __enter__(self) -> Self:
-        return self
-
-    def __exit__(self, *exception: object) -> None:
-        self.close()
+            super().close()
 
     def _add_controls(self, replay: Replay, first: int) -> None:
         gui = self._server.gui

@@ -49,7 +49,7 @@ class BulletConstants:
     stop: float = 1.4
 
 
-BULLET = BulletConstants()
+BULLET_ENGINE = BulletConstants()
 
 
 class BulletEngine:
@@ -174,7 +174,7 @@ class BulletEngine:
         step = scene.engine.time_step
         output = rows_only(self._study.output, max(1, round(series_interval / step)))
         outcome = self._study.outcome
-        stop = max(BULLET.stop, outcome.overturned_tilt)
+        stop = max(BULLET_ENGINE.stop, outcome.overturned_tilt)
         outcome = outcome.model_copy(update={"overturned_tilt": stop})
         trials = [
             Trial(

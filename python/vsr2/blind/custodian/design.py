@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.blind.custodian.engine import Engine, Nuisances, TrialInput
+from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.mujoco import GroundMotion, TrialContext, ground_motion
 from vsr2.blind.mujoco.ground import acceleration_of
@@ -172,7 +173,8 @@ def draw_inputs(
 def catalogue(seed: int, count: int) -> list[GroundMotion]:
     """Ground motions, each from its own seed."""
     return [
-        ground_motion(f"M{i + 1:02d}", np.random.default_rng([seed, 101, i])) for i in range(count)
+        ground_motion(f"M{i + 1:02d}", pack_generator(seed, PackStream.MOTIONS, i))
+        for i in range(count)
     ]
 
 

@@ -12,6 +12,7 @@ from numpy.typing import NDArray
 
 from vsr2.blind.custodian.design import NUISANCES, Protocol, draw_inputs, draw_nuisances
 from vsr2.blind.custodian.engine import Engine
+from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.mujoco import Drawable
 
@@ -120,7 +121,7 @@ class SignalMeter:
         self._protocol = protocol
         total = len(protocol.rows)
         count = min(settings.signal_trials, total)
-        shift = float(np.random.default_rng([seed, 202]).random())
+        shift = float(pack_generator(seed, PackStream.SIGNAL_TRIALS).random())
         self.trials = [int((i + shift) * total / count) for i in range(count)]
 
     @cached_property
@@ -152,7 +153,7 @@ class SignalMeter:
     def _drawn(self, replicate: int) -> Array:
         """Standardised nuisances of a replicate."""
         nuisances = draw_nuisances(
-            np.random.default_rng([self._seed, 203, replicate]), self._settings
+            pack_generator(self._seed, PackStream.SIGNAL_REPLICATES, replicate), self._settings
         )
         tolerances = self._settings.tolerances
         return np.array(
@@ -163,7 +164,7 @@ class SignalMeter:
         )
 
     def _run(self, replicate: int, effects: Mapping[str, Mapping[str, float]]) -> Array:
-        rng = np.random.default_rng([self._seed, 203, replicate])
+        rng = pack_generator(self._seed, PackStream.SIGNAL_REPLICATES, replicate)
         _, inputs = draw_inputs(rng, self._protocol, self._settings, self.trials)
         seeds = [(self._seed + replicate, 1000 * replicate + i) for i in self.trials]
         responses = self._engine.run(
@@ -219,7 +220,7 @@ class SignalMeter:
         found: dict[float, float] = {}
 
         def ratio_at(magnitude: float) -> float:
-            rng = np.random.default_rng([self._seed, 204, len(found)])
+            rng = pack_generator(self._seed, PackStream.SIGNAL_VALUES, len(found))
             quantiles = [float(q) for q in rng.random(len(effect.others))]
             values = effect.values(sign * magnitude, quantiles)
             twins = max(RULES.search_twins, self._settings.replicates // 2)

@@ -10,6 +10,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from vsr2.blind.custodian.detection_limit import RULES
+from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.blind.mujoco import Drawable
 from vsr2.errors import BlindError
@@ -163,7 +164,7 @@ def draw_plan(
         BlindError: no effect of an engine can be drawn, a pair needs a second class, or too few
             classes can be left out.
     """
-    rng = np.random.default_rng([seed, 301])
+    rng = pack_generator(seed, PackStream.PLAN)
     found = {e: directions(effects, limits, e) for e in settings.engines if settings.asks(e)}
     classes = [{settings.class_of(name) for name, _ in of} for of in found.values()]
     common = sorted(set.intersection(*classes)) if classes else []

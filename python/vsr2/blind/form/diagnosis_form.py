@@ -12,7 +12,7 @@ from typing import Annotated, Any
 from pydantic import BeforeValidator, ConfigDict, Field, PlainSerializer, model_validator
 
 from vsr2.blind.form.reader import (
-    Interval,
+    Ends,
     Name,
     Names,
     Part,
@@ -31,7 +31,7 @@ from vsr2.errors import BlindError
 
 DIAGNOSIS_FILE = "diagnosis.json"
 FAILED_FILE = "failed.json"
-NAMING: Mapping[VerdictKind, tuple[int, float]] = {
+NAMED_COUNTS: Mapping[VerdictKind, tuple[int, float]] = {
     VerdictKind.EFFECT: (1, 1),
     VerdictKind.CLASS: (1, float("inf")),
     VerdictKind.PAIR: (2, float("inf")),
@@ -63,9 +63,7 @@ class Estimate(Part):
     nullable = frozenset({"mean"})
 
     mean: Annotated[float, BeforeValidator(_or_infinite), PlainSerializer(_or_null)]
-    ci90: Annotated[Interval | None, BeforeValidator(_or_infinite), PlainSerializer(_or_null)] = (
-        None
-    )
+    ci90: Annotated[Ends | None, BeforeValidator(_or_infinite), PlainSerializer(_or_null)] = None
 
 
 class Location(Part):
@@ -126,7 +124,7 @@ class Verdict:
     parameters: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
     closure: float | None = None
     headline: float | None = None
-    gain: Interval | None = None
+    gain: Ends | None = None
     where: tuple[Location, ...] = ()
     failed: Failure | None = None
 
@@ -138,7 +136,7 @@ def _complete(ends: object) -> object:
 
 class _Figure(Part):
     value: float | None = None
-    ci95: Annotated[Interval | None, BeforeValidator(_complete)] = None
+    ci95: Annotated[Ends | None, BeforeValidator(_complete)] = None
 
 
 class _Gap(Part):
@@ -164,7 +162,7 @@ class _Verdict(Part):
 
     @model_validator(mode="after")
     def _check_count(self) -> _Verdict:
-        check_count(self.effects, self.kind, NAMING.get(self.kind, (0, float("inf"))))
+        check_count(self.effects, self.kind, NAMED_COUNTS.get(self.kind, (0, float("inf"))))
         return self
 
 

@@ -8,7 +8,7 @@ from typing import Annotated, Any
 
 from pydantic import ConfigDict, Field, model_validator
 
-from vsr2.blind.form.reader import Interval, Part, misfit
+from vsr2.blind.form.reader import Ends, Part, misfit
 from vsr2.errors import BlindError
 
 LONGEST_SERIES_INTERVAL = 0.1
@@ -77,9 +77,9 @@ class Tolerances(Part):
     friction: _Deviation = 0.05
     yaw: _Deviation = 0.017
     offset: _Deviation = 0.002
-    input_gain: Interval = (0.001, 0.005)
-    displacement_noise: Interval = (2e-6, 2e-5)
-    acceleration_noise: Interval = (0.005, 0.05)
+    input_gain: Ends = (0.001, 0.005)
+    displacement_noise: Ends = (2e-6, 2e-5)
+    acceleration_noise: Ends = (0.005, 0.05)
     peak_tilt_noise: _Deviation = 0.0005
     tilt_noise: _Deviation = 0.0005
     position_noise: _Deviation = 0.0003

@@ -26,7 +26,7 @@ def _probable(value: float) -> float:
 Name = Annotated[str, Field(min_length=1)]
 Count = Annotated[int, Field(ge=0)]
 Probability = Annotated[float, AfterValidator(_probable)]
-Interval = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_rising)]
+Ends = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_rising)]
 Names = Annotated[tuple[Name, ...], Field(strict=False)]
 Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}\z")]
 

@@ -16,7 +16,7 @@ CHANNELS: tuple[Channel, ...] = ("x", "y", "z", "pitch")
 
 
 @dataclass(frozen=True)
-class TableConstants:
+class DrivenTableConstants:
     """How the table swings; chosen by hand, sealed with a pack.
 
     Attributes:
@@ -32,7 +32,7 @@ class TableConstants:
     rest: float = 2.0
 
 
-TABLE = TableConstants()
+DRIVEN_TABLE = DrivenTableConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,7 +78,7 @@ def shaded(samples: Array, interval: float, low: float, high: float) -> Array:
     """A motion whose slow and fast parts were recorded by instruments of another gain.
 
     H = 1 + low L(f / f_low) + high (1 - L(f / f_high)) with L(r) = 1 / (1 + r^4), f_low and f_high
-    of `TABLE`, by the discrete Fourier transform amid rest.
+    of `DRIVEN_TABLE`, by the discrete Fourier transform amid rest.
 
     Args:
         samples: shape (n,).
@@ -86,13 +86,13 @@ def shaded(samples: Array, interval: float, low: float, high: float) -> Array:
         low: relative change of what is slow [1].
         high: relative change of what is fast [1].
     """
-    pad = round(TABLE.rest / interval)
+    pad = round(DRIVEN_TABLE.rest / interval)
     amid = np.pad(samples, pad, mode="edge")
     # Without its trend the transform's two ends meet.
     trend = np.linspace(amid[0], amid[-1], amid.size)
     frequency = np.fft.rfftfreq(amid.size, interval)
-    slow = 1 / (1 + (frequency / TABLE.slow) ** 4)
-    fast = 1 - 1 / (1 + (frequency / TABLE.fast) ** 4)
+    slow = 1 / (1 + (frequency / DRIVEN_TABLE.slow) ** 4)
+    fast = 1 - 1 / (1 + (frequency / DRIVEN_TABLE.fast) ** 4)
     spectrum = np.fft.rfft(amid - trend) * (1 + low * slow + high * fast)
     moved: Array = np.fft.irfft(spectrum, amid.size) + trend
     moved -= moved[0]
@@ -167,9 +167,13 @@ def pitched(acceleration: Array, interval: float, gain: float, frequency: float)
         acceleration: shape (n,) [m/s^2].
         interval: [s].
         gain: [rad per g].
-        frequency: of the pitching mode [Hz]; its damping ratio is `TABLE.pitch_damping`.
+        frequency: of the pitching mode [Hz]; its damping ratio is `DRIVEN_TABLE.pitch_damping`.
     """
-    return -gain / GRAVITY * _second_order(acceleration, interval, frequency, TABLE.pitch_damping)
+    return (
+        -gain
+        / GRAVITY
+        * _second_order(acceleration, interval, frequency, DRIVEN_TABLE.pitch_damping)
+    )
 
 
 def _delayed(samples: Array, interval: float, delay: float) -> Array:

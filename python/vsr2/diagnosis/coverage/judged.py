@@ -10,14 +10,13 @@ from numpy.typing import NDArray
 
 from vsr2.analysis.ranks import rank
 from vsr2.diagnosis.coverage.planted_campaigns import Planted
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.calibration import label_probability, label_set
 from vsr2.diagnosis.posterior.sets import Sets
 from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters
 
 Array = NDArray[np.float64]
-STREAM = 62
-"""Of the draws that part equal samples."""
 
 
 @dataclass(frozen=True)
@@ -130,7 +129,7 @@ def true_labels(sets: Sets, true: int) -> set[int]:
 
 
 def _ranks(posterior: Posterior, one: Planted, found: Found, seed: int) -> Iterator[RankOf]:
-    rng = np.random.default_rng([seed, STREAM, one.row])
+    rng = generator(seed, Stream.RANKS, one.row)
     for acting in one.acting:
         if acting.name not in posterior.parameters.rows:
             continue

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.sets import declared_alike
 from vsr2.diagnosis.posterior.truth import PRIOR, left_out_together
 from vsr2.diagnosis.simulated.campaigns import Acting, draw_set, insensitive
@@ -16,8 +17,6 @@ from vsr2.errors import DiagnosisError
 
 FIRST = 100_000
 """Number of the first planted campaign, far above those of training."""
-STREAM = 61
-"""Of the draws that say which campaigns are planted."""
 
 
 @dataclass(frozen=True)
@@ -65,7 +64,7 @@ def draw_planted(
         raise DiagnosisError(
             "no effect that is looked for shows in this campaign, so nothing can be planted"
         )
-    rng = np.random.default_rng([seed, STREAM])
+    rng = generator(seed, Stream.PLANTED)
     prior = np.array(PRIOR.sizes(most))
     reached = prior[: len(shown) + 1]
     shares = np.append((1 - PRIOR.outside) * reached / reached.sum(), PRIOR.outside)

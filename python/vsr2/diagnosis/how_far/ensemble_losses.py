@@ -16,6 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis import overturning_probability
+from vsr2.analysis.intervals import INTERVALS
 
 Array = NDArray[np.float64]
 
@@ -78,12 +79,8 @@ def by_kind(scores: Array) -> Array:
     return np.asarray(out)
 
 
-CI95 = (0.025, 0.975)
-"""Quantiles at the ends of a 95 % interval."""
-
-
 @dataclass(frozen=True)
-class Interval:
+class LossInterval:
     """An estimate with its 95 % interval; NaN where it does not exist."""
 
     value: float
@@ -97,16 +94,16 @@ class Interval:
         return {"value": self.value, "ci95": [self.low, self.high]}
 
 
-def interval(values: Array) -> Interval:
+def interval(values: Array) -> LossInterval:
     """The first value, and the 95 % interval of the others."""
-    low, high = np.quantile(values[1:], CI95)
-    return Interval(float(values[0]), float(low), float(high))
+    low, high = np.quantile(values[1:], INTERVALS.ends)
+    return LossInterval(float(values[0]), float(low), float(high))
 
 
-def share_of_gap(part: Array, gap: Array) -> Interval:
+def share_of_gap(part: Array, gap: Array) -> LossInterval:
     """A difference of mean losses over the gap, of equal replicates; NaN where there is no gap."""
     if gap[0] <= 0:
-        return Interval(np.nan, np.nan, np.nan)
+        return LossInterval(np.nan, np.nan, np.nan)
     return interval(part / np.maximum(gap, 1e-9))
 
 

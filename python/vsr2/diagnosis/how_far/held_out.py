@@ -21,10 +21,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.probability import outcome_loss
 from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
-    Interval,
+    LossInterval,
     by_kind,
     feature_scores,
     interval,
@@ -32,6 +33,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     share_of_gap,
 )
 from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
 from vsr2.diagnosis.posterior.training import Posterior
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.library import free_parameters
@@ -65,7 +67,7 @@ class HeldOutConstants:
     neighbours: int = 8
     nuisances: int = 500
     replicate: int = 2
-    resamples: int = 2000
+    resamples: int = INTERVALS.replicates
     rescaling: float = 2.0
     least_probability: float = 1e-3
 
@@ -117,28 +119,28 @@ class HowFar:
         means = np.vstack([values.mean(axis=1), drawn])
         return dict(zip(Loss, means.T, strict=True))
 
-    def mean(self, name: Loss) -> Interval:
+    def mean(self, name: Loss) -> LossInterval:
         """Mean loss."""
         return interval(self._means[name])
 
-    def excess(self, name: Loss) -> Interval:
+    def excess(self, name: Loss) -> LossInterval:
         """Mean loss over the floor."""
         return interval(self._means[name] - self._means[Loss.FLOOR])
 
-    def gain(self) -> Interval:
+    def gain(self) -> LossInterval:
         """Mean loss before minus after, of equal trials."""
         return interval(self._means[Loss.BEFORE] - self._means[Loss.AFTER])
 
-    def closure(self, name: Loss) -> Interval:
+    def closure(self, name: Loss) -> LossInterval:
         """(before - model) / (before - floor); none where there is no gap."""
         return self._share(self._means[Loss.BEFORE] - self._means[name])
 
-    def headline(self) -> Interval:
+    def headline(self) -> LossInterval:
         """Closure minus that of the better control, or minus 0 where both make it worse."""
         controls = [self._means[name] for name in (Loss.BEFORE, *CONTROLS)]
         return self._share(np.min(controls, axis=0) - self._means[Loss.AFTER])
 
-    def _share(self, part: Array) -> Interval:
+    def _share(self, part: Array) -> LossInterval:
         return share_of_gap(part, self._means[Loss.BEFORE] - self._means[Loss.FLOOR])
 
 
@@ -189,7 +191,14 @@ def judge(
             drawn[i] = effects
     later = range(HELD_OUT.nuisances, HELD_OUT.nuisances + members)
     after = ensemble(
-        cache, seen, trials, drawn, later, HELD_OUT.replicate, seed + 1, progress=progress
+        cache,
+        seen,
+        trials,
+        drawn,
+        later,
+        HELD_OUT.replicate,
+        seed + NoiseStream.HELD_OUT,
+        progress=progress,
     )
     losses[Loss.AFTER] = simulated_loss(after, after.probability, outcome, features)
     scaled = _recalibrated(before.probability, outcome, group)
@@ -311,7 +320,7 @@ def _dealt(
     """Loss where every trial gets the change of another one of like intensity."""
     from scipy.special import expit, logit
 
-    rng = np.random.default_rng([seed, 51])
+    rng = generator(seed, Stream.DEALT)
     start = logit(before.probability)
     change = logit(after.probability) - start
     with np.errstate(invalid="ignore"):

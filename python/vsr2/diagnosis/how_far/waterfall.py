@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.how_far.ensemble_losses import (
-    Interval,
+    LossInterval,
     interval,
     resampled_means,
     share_of_gap,
@@ -32,6 +32,7 @@ from vsr2.diagnosis.how_far.held_out import (
     simulated_loss,
 )
 from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
 from vsr2.diagnosis.posterior.training import Found, Posterior, train
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.campaigns import Campaigns
@@ -107,28 +108,28 @@ class Waterfall:
         drawn = resampled_means(values, self.motion, replicates=HELD_OUT.resamples)
         return np.vstack([values.mean(axis=1), drawn])
 
-    def loss(self, names: Sequence[str]) -> Interval:
+    def loss(self, names: Sequence[str]) -> LossInterval:
         """Mean loss with some of the effects."""
         return interval(self._means[:, sum(1 << self.names.index(name) for name in names)])
 
-    def loss_of_everything(self) -> Interval:
+    def loss_of_everything(self) -> LossInterval:
         """Mean loss with all effects of the posterior."""
         return interval(self._means[:, -2])
 
-    def loss_of_floor(self) -> Interval:
+    def loss_of_floor(self) -> LossInterval:
         """Mean loss of campaigns without a gap."""
         return interval(self._means[:, -1])
 
-    def closure(self) -> Interval:
+    def closure(self) -> LossInterval:
         """Share of the gap that is closed with all effects of the posterior."""
         means = self._means
         return share_of_gap(means[:, 0] - means[:, -2], means[:, 0] - means[:, -1])
 
-    def share(self, name: str) -> Interval:
+    def share(self, name: str) -> LossInterval:
         """What an effect takes off the mean loss, on average over all orders [nat a trial]."""
         return interval(np.mean([self._gains(name, n) for n in range(len(self.names))], axis=0))
 
-    def ends(self, name: str) -> tuple[Interval, Interval]:
+    def ends(self, name: str) -> tuple[LossInterval, LossInterval]:
         """The same where it comes first of all, and last of all."""
         return interval(self._gains(name, 0)), interval(self._gains(name, len(self.names) - 1))
 
@@ -212,7 +213,9 @@ def waterfall(
             [tuple(one for one in own if kept is None or one[0] in kept) for own in drawn]
             for drawn in members
         ]
-        result = ensemble(cache, seen, trials, chosen, draws, WATERFALL.replicate, seed + 2)
+        result = ensemble(
+            cache, seen, trials, chosen, draws, WATERFALL.replicate, seed + NoiseStream.WATERFALL
+        )
         return simulated_loss(result, result.probability, outcome, features), result.probability
 
     losses = []
@@ -240,7 +243,7 @@ def _drawn_sets(
         most=full.posterior.sets.most, seed=seed,
     )  # fmt: skip
     found = part.infer(seen.overturned[own], seen.features[own], full.excluded)
-    rng = np.random.default_rng([seed, 61])
+    rng = generator(seed, Stream.WATERFALL)
     chosen = rng.choice(found.probability.size, HELD_OUT.members, p=found.probability)
     library = part.parameters.library
     held = part.sets.members[chosen]

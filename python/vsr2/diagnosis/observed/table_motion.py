@@ -23,6 +23,7 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
 from vsr2.diagnosis.observed.features import Feature, FeatureChannel, Phase
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.motion import Record
 
 Array = NDArray[np.float64]
@@ -38,7 +39,7 @@ slow: 0.5 to 2 Hz, fast: 2 to 12 Hz."""
 
 
 @dataclass(frozen=True)
-class TableConstants:
+class TableMotionConstants:
     """How the table's two recordings are compared; chosen by hand.
 
     Attributes:
@@ -70,7 +71,7 @@ class TableConstants:
     highest: float = 0.4
 
 
-TABLE = TableConstants()
+TABLE_MOTION = TableMotionConstants()
 
 
 def agreement(record: Record) -> Array:
@@ -83,7 +84,7 @@ def agreement(record: Record) -> Array:
     out = np.full((len(TABLE_FEATURES), 2), np.nan)
     if record.displacement is None or record.acceleration is None:
         return out
-    if record.size < TABLE.least_samples:
+    if record.size < TABLE_MOTION.least_samples:
         return out
     from scipy.signal.windows import tukey
 
@@ -91,15 +92,17 @@ def agreement(record: Record) -> Array:
     second = np.diff(record.displacement, 2) / interval**2
     measured = record.acceleration[1:-1] - np.mean(record.acceleration)
     frequency = np.fft.rfftfreq(second.size, interval)
-    window = tukey(second.size, TABLE.taper)
+    window = tukey(second.size, TABLE_MOTION.taper)
     x = np.fft.rfft(window * second) / np.sinc(frequency * interval) ** 2
     y = np.fft.rfft(window * measured)
-    least = TABLE.least_power * float((np.abs(x[frequency < TABLE.bands[-1][-1][1]]) ** 2).sum())
-    for k, bands in enumerate(TABLE.bands):
+    least = TABLE_MOTION.least_power * float(
+        (np.abs(x[frequency < TABLE_MOTION.bands[-1][-1][1]]) ** 2).sum()
+    )
+    for k, bands in enumerate(TABLE_MOTION.bands):
         rows = []
         for low, high in bands:
             inside = (frequency >= low) & (frequency < high)
-            if high <= TABLE.highest / interval:
+            if high <= TABLE_MOTION.highest / interval:
                 rows += _of_band(x[inside], y[inside], least)
         if rows:
             gain, phase, variance, common = np.array(rows).T
@@ -116,11 +119,11 @@ def _of_band(
     Nor is there anything where the power is not above `least`.
     """
     xx, yy = float((np.abs(x) ** 2).sum()), float((np.abs(y) ** 2).sum())
-    if x.size < TABLE.least_frequencies or xx <= least or yy <= 0:
+    if x.size < TABLE_MOTION.least_frequencies or xx <= least or yy <= 0:
         return []
     xy = complex((np.conj(x) * y).sum())
     coherence = min(abs(xy) ** 2 / (xx * yy), 1 - 1e-9)
-    if coherence < TABLE.least_coherence:
+    if coherence < TABLE_MOTION.least_coherence:
         return []
     # About how many frequencies share the band's power.
     count = xx**2 / float((np.abs(x) ** 4).sum())
@@ -170,10 +173,10 @@ def table_residuals(campaign: Campaign, *, null: int, seed: int = 0) -> TableRes
         return None
     index = np.array([names.index(name) for name in files])
     value, noise = np.moveaxis(found, 2, 0)
-    error = np.hypot(noise, TABLE.calibration)
-    rng = np.random.default_rng([seed, 8])
+    error = np.hypot(noise, TABLE_MOTION.calibration)
+    rng = generator(seed, Stream.TABLE_MOTION)
     drawn = noise * rng.standard_normal((null, *value.shape))
-    drawn += TABLE.calibration * rng.standard_normal((null, 1, len(TABLE_FEATURES)))
+    drawn += TABLE_MOTION.calibration * rng.standard_normal((null, 1, len(TABLE_FEATURES)))
     return TableResiduals(
         _clipped(value / error)[index].T,
         _clipped(drawn / error)[:, index].swapaxes(1, 2),
@@ -181,7 +184,9 @@ def table_residuals(campaign: Campaign, *, null: int, seed: int = 0) -> TableRes
 
 
 def _clipped(residual: Array) -> Array:
-    return np.asarray(np.clip(np.nan_to_num(residual), -TABLE.most, TABLE.most), dtype=np.float64)
+    return np.asarray(
+        np.clip(np.nan_to_num(residual), -TABLE_MOTION.most, TABLE_MOTION.most), dtype=np.float64
+    )
 
 
 def _of_file(campaign: Campaign, name: str | None) -> Array:

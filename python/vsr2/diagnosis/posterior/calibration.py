@@ -28,7 +28,7 @@ Bools = NDArray[np.bool_]
 
 
 @dataclass(frozen=True)
-class CalibrationConstants:
+class PosteriorCalibrationConstants:
     """What the limits are to keep; chosen by hand.
 
     Attributes:
@@ -52,7 +52,7 @@ class CalibrationConstants:
     together: tuple[float, ...] = tuple(k / 100 for k in range(10, 100))
 
 
-CALIBRATION = CalibrationConstants()
+CALIBRATED = PosteriorCalibrationConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -129,11 +129,11 @@ def calibrate(logs: Logs, truth: Truth, fits: tuple[Array, Array]) -> Levels:
         p = pooled(log, float(np.exp(log_temperature)))[rows, index]
         return float(-(weight * np.log(np.maximum(p, 1e-12))).sum() / weight.sum())
 
-    sought = minimize_scalar(score, bounds=CALIBRATION.temperatures, method="bounded")
+    sought = minimize_scalar(score, bounds=CALIBRATED.temperatures, method="bounded")
     temperature = float(np.exp(sought.x))
     probability = pooled(log, temperature)
     plain = probability[: len(truth.index)][~acting, 0]
-    none_limit = float(np.quantile(plain, CALIBRATION.false_alarms)) if plain.size else 0.5
+    none_limit = float(np.quantile(plain, CALIBRATED.false_alarms)) if plain.size else 0.5
     found = [candidates(p, truth.sets, truth.alike) for p in probability]
     tails = [np.concatenate([one, one[acting]]) for one in fits]
     owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(
@@ -165,7 +165,7 @@ def _naming_limits(
     alike: Bools,
     none_limit: float,
 ) -> tuple[NamingLimits, float, float]:
-    """Limits that name the most causes rightly while few names are wrong: see `CALIBRATION`.
+    """Limits that name the most causes rightly while few names are wrong: see `CALIBRATED`.
 
     Args:
         found: of campaigns that no network saw.
@@ -195,17 +195,17 @@ def _naming_limits(
                 out[:, k] = 1.0, wrong, 0.0 if wrong else len(said.findings)
         return out * weight
 
-    ones = [judged(partial(one_cause, least=least, alike=alike)) for least in CALIBRATION.one]
+    ones = [judged(partial(one_cause, least=least, alike=alike)) for least in CALIBRATED.one]
     best, chosen = (False, -1.0), (asked, 0.0, 0.0)
-    for together in reversed(CALIBRATION.together):
+    for together in reversed(CALIBRATED.together):
         several = judged(partial(several_causes, least=together))
-        kept = several[1].sum() <= CALIBRATION.wrong_together * several[0].sum()
+        kept = several[1].sum() <= CALIBRATED.wrong_together * several[0].sum()
         left = several[0] == 0
-        for one, of_one in zip(reversed(CALIBRATION.one), reversed(ones), strict=True):
+        for one, of_one in zip(reversed(CALIBRATED.one), reversed(ones), strict=True):
             named, wrong, right = several.sum(axis=1) + of_one[:, left].sum(axis=1)
             share = float(wrong / max(named, 1e-9))
             # Rounded, so that equal sums of other order are equal.
-            own = (kept and share <= CALIBRATION.wrong, round(float(right), 9))
+            own = (kept and share <= CALIBRATED.wrong, round(float(right), 9))
             if best[1] < 0 or (own[0] and own > best):
                 limits = NamingLimits(none_limit, one, together)
                 best, chosen = own, (limits, share, float(named / weight.sum()))
@@ -238,7 +238,7 @@ def _set_level(probability: Array, index: NDArray[np.int64], weight: Array, sets
     score = before[np.arange(len(index)), first]
     sequence = np.argsort(score)
     total = np.cumsum(weight[sequence]) / weight.sum()
-    return float(score[sequence][np.searchsorted(total, CALIBRATION.coverage)])
+    return float(score[sequence][np.searchsorted(total, CALIBRATED.coverage)])
 
 
 def label_set(probability: Array, sets: Sets, level: float) -> tuple[int, ...]:

@@ -19,6 +19,7 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.sets import Sets
 
 Array = NDArray[np.float64]
@@ -236,7 +237,7 @@ def train_network(
         held_out: campaigns by which training is stopped.
         seed: of weights, order and dropout.
     """
-    rng = np.random.default_rng([seed, 31])
+    rng = generator(seed, Stream.WEIGHTS)
     first = batches(rng)
     network = Network.drawn(sets, first[0].shape[1], rng)
     parameters = [*network.weights, *network.biases]

@@ -18,6 +18,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.simulated.campaigns import Campaigns
 from vsr2.diagnosis.simulated.library import Library, free_parameters, is_angle, turn_of
 from vsr2.effects import Parameter
@@ -84,7 +85,7 @@ class Parameters:
             columns: of the residuals that are known; None: all.
         """
         near, weight, shift = self._nearest(name, residuals, columns)
-        rng = np.random.default_rng([seed, 41])
+        rng = generator(seed, Stream.PARAMETERS)
         chosen = rng.choice(near.size, PARAMETERS.samples, p=weight)
         points = self._targets(name)[near] + shift
         mean, count = weight @ points, 1 / float((weight**2).sum())

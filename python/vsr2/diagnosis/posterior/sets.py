@@ -10,6 +10,7 @@ from itertools import combinations
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import Library
 from vsr2.effects import Effect
 
@@ -28,7 +29,7 @@ class Sets:
     """
 
     names: tuple[str, ...]
-    most: int = 2
+    most: int = HYPOTHESIS.usual_effects
 
     def __len__(self) -> int:
         return 2 + sum(len(rows) for rows in self.by_size)

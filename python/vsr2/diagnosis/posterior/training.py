@@ -10,6 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.calibration import Levels, Logs, calibrate, pooled
 from vsr2.diagnosis.posterior.discrepancy import Disturbance
 from vsr2.diagnosis.posterior.goodness_of_fit import (
@@ -25,6 +26,7 @@ from vsr2.diagnosis.posterior.sets import Sets
 from vsr2.diagnosis.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries
 from vsr2.diagnosis.posterior.truth import PRIOR, Truth, left_out_together
 from vsr2.diagnosis.simulated.campaigns import Campaigns
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import Library
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 
@@ -176,7 +178,7 @@ def train(
     library: Library,
     trials: NDArray[np.int64],
     *,
-    most: int = 2,
+    most: int = HYPOTHESIS.usual_effects,
     seed: int = 0,
 ) -> Posterior:
     """Train on simulated campaigns.
@@ -194,7 +196,7 @@ def train(
     features = seen.noted(overturned, campaigns.peak_tilt, campaigns.features, seed)
     plain = campaigns.gap_free
     disturbed = Disturbance.of(overturned[plain], features[plain], seen.motion[trials])
-    rng = np.random.default_rng([seed, 32])
+    rng = generator(seed, Stream.COPIES)
     copies = [(overturned, features)] + [
         disturbed(overturned, features, rng) for _ in range(TRAINING.copies)
     ]
@@ -237,7 +239,7 @@ def _networks(
     """Networks of each fold, and what they make of the campaigns that they did not see."""
     count, effects = truth.acting.shape
     everything = np.ones((count, effects), dtype=bool)
-    rng = np.random.default_rng([seed, 33])
+    rng = generator(seed, Stream.LACKING)
     lacking = _own_left_out(truth, rng)
     out = tuple(np.zeros((TRAINING.seeds, count, len(truth.sets))) for _ in range(2))
     networks: list[Network] = []

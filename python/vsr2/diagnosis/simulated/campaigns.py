@@ -9,7 +9,9 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import (
     Library,
     Side,
@@ -180,7 +182,7 @@ def draw_set(
     limits: Mapping[tuple[str, Side], Limit],
     index: int,
     seed: int,
-    most: int = 2,
+    most: int = HYPOTHESIS.usual_effects,
 ) -> tuple[Acting, ...]:
     """What acts in a campaign, each effect about as often.
 
@@ -192,11 +194,11 @@ def draw_set(
         most: effects that may act together.
     """
     names = [name for name in library if name not in insensitive(library, limits)]
-    rng = np.random.default_rng([seed, 22, index])
+    rng = generator(seed, Stream.CAUSES, index)
     kind = rng.random()
     if not names or kind < SET_PRIOR.none:
         return ()
-    deck = np.random.default_rng([seed, 23, index // len(names)]).permutation(len(names))
+    deck = generator(seed, Stream.DECK, index // len(names)).permutation(len(names))
     chosen = [int(deck[index % len(names)])]
     ends = np.cumsum(SET_PRIOR.sizes(most))
     for _ in range(min(int((kind > ends[1:-1]).sum()), len(names) - 1)):
@@ -215,7 +217,7 @@ def simulate_campaigns(
     trials: NDArray[np.int64],
     rows: Sequence[int],
     *,
-    most: int = 2,
+    most: int = HYPOTHESIS.usual_effects,
     seed: int = 0,
 ) -> Campaigns:
     """Simulate complete campaigns, each with nuisances and a contact model of its own.

@@ -29,9 +29,12 @@ class HypothesisConstants:
     Attributes:
         most_effects: that may act together: all sets of so many are hypotheses, some 40,000 of 30
             effects.
+        usual_effects: as many, where nothing else is asked for: a single cause is the usual case,
+            and a pair the next.
     """
 
     most_effects: int = 4
+    usual_effects: int = 2
 
 
 HYPOTHESIS = HypothesisConstants()
@@ -65,7 +68,7 @@ class Hypotheses:
     nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
     contact_family: Sequence[Nuisance] = CONTACT_FAMILY
     references: Sequence[Campaign] = ()
-    most_effects: int = 2
+    most_effects: int = HYPOTHESIS.usual_effects
 
     def __post_init__(self) -> None:
         if not 1 <= self.most_effects <= HYPOTHESIS.most_effects:

@@ -13,6 +13,9 @@ NONE: Final = "none"
 UNKNOWN: Final = "unknown"
 """Label of the hypothesis that the cause lies outside the library."""
 
+HALVINGS = 50
+"""Of [0, 1], after which a bisection has reached the rounding of numbers near 1 (2^-52)."""
+
 Library = Mapping[str, Effect]
 """Effects by name, in the order of application; every null value is a number."""
 Side = int
@@ -38,7 +41,7 @@ def null_quantile(parameter: Parameter) -> float | None:
     if not parameter.lower <= parameter.null <= parameter.upper:
         return None
     low, high = 0.0, 1.0
-    for _ in range(50):
+    for _ in range(HALVINGS):
         middle = 0.5 * (low + high)
         if parameter.ppf(min(max(middle, 1e-9), 1 - 1e-9)) < parameter.null:
             low = middle
@@ -56,7 +59,7 @@ def sides(effect: Effect) -> tuple[Side, ...]:
 
 
 def two_sided(parameter: Parameter) -> bool:
-    """Whether its prior reaches to both sides of its null."""
+    """Whether its prior reaches to both sides of its null, but for rounding."""
     return 1e-6 < _null(parameter) < 1 - 1e-6
 
 

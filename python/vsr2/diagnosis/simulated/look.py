@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.observations import OBSERVED
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.library import (
     Library,
@@ -134,7 +135,7 @@ def look(
     chosen = responding if responding.size else np.arange(trials)
     chosen = chosen[np.linspace(0, chosen.size - 1, min(most, chosen.size)).astype(int)]
     ladders = [(name, side) for name, effect in library.items() for side in sides(effect)]
-    rng = np.random.default_rng([seed, 21])
+    rng = generator(seed, Stream.LOOK)
     requests = []
     for name, side in ladders:
         effect = library[name]

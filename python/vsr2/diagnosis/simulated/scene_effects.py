@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 import numpy as np
 
 from vsr2.config.study import Study
+from vsr2.diagnosis.observed.random_streams import Stream
 from vsr2.diagnosis.simulated.nuisances import Nuisance
 from vsr2.effects import Circumstances, Effect, chosen, each_with_effects
 from vsr2.effects.own_code import own_code
@@ -89,7 +90,7 @@ class SceneEffects:
         """
         if not self._drawn:
             return trials
-        state = np.random.SeedSequence([*seed, _STREAM]).generate_state(1, np.uint64)
+        state = np.random.SeedSequence([*seed, Stream.SCENE_EFFECTS]).generate_state(1, np.uint64)
         return self._with(trials, self._drawn, int(state[0]), wanted)
 
     def _with(
@@ -106,7 +107,3 @@ class SceneEffects:
         ):  # fmt: skip
             made[i] = trial
         return made
-
-
-_STREAM = 71
-"""Sets these draws apart from those of a hypothesised effect of the same name."""

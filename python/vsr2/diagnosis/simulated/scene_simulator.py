@@ -53,7 +53,7 @@ _logger = logging.getLogger(__name__)
 
 HYPOTHESES = Hypotheses()
 """All registered effects, and the default nuisances."""
-RECORDED = SingleRecording | AllRecordings
+OF_RECORDS = SingleRecording | AllRecordings
 
 
 class SceneSimulator:
@@ -122,7 +122,7 @@ class SceneSimulator:
         made = _base_trials(campaign, study, self._row, every)
         self._trials = self._own_effects.fixed([made[i] for i in every])
         moved = any(one.displacement is not None for one in campaign.motions.values())
-        if moved and campaign.noise.displacement and not isinstance(study.motion, RECORDED):
+        if moved and campaign.noise.displacement and not isinstance(study.motion, OF_RECORDS):
             _logger.warning(
                 "study %r: its motion section is of no recordings and the campaign states noise of "
                 "the displacement: recorded displacements are band-passed (%s); a motion section "
@@ -343,14 +343,8 @@ def _base_trials(
                 record, study, trial.motion_file, noisy=bool(campaign.noise.displacement)
             )
             motions[trial.motion_file] = motion.without_acceleration()
-        trials[i] = Trial(
-            scene=scene,
-            motion=motions[trial.motion_file],
-            drive=study.motion.drive,
-            name=trial.trial,
-            settling=study.settling,
-            outcome=study.outcome,
-            output=output,
+        trials[i] = Trial.of_study(
+            study, scene, motions[trial.motion_file], name=trial.trial, output=output
         )
     return trials
 
@@ -362,7 +356,7 @@ def _driven(record: Record, study: Study, name: str, *, noisy: bool) -> Motion:
     the table.
     """
     step = study.engine.time_step
-    if isinstance(study.motion, RECORDED):
+    if isinstance(study.motion, OF_RECORDS):
         return build_recorded_motion(
             record,
             step,

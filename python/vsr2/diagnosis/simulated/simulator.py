@@ -19,6 +19,9 @@ HALF_STEP, FINE_SOLVER = -5, -6
 PERTURBED = -7
 """This and lower replicates: the start is moved in plan by the shifts of `SIMULATION` in turn and
 turned by as many radians."""
+RATIO_STEPS = 30
+"""Of the fixed-point iteration for the generalised golden ratio (M. Roberts 2018). One takes the
+error to a third or less, so that the rounding of numbers near 1 is reached (3^-30 is 5e-15)."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +130,7 @@ def nuisance_normal(seed: int, count: int, index: int) -> Array:
 def quasi_random(seed: int, count: int, index: int) -> Array:
     """The same sequence, uniform in (0, 1), shape (count,)."""
     ratio = 2.0
-    for _ in range(30):
+    for _ in range(RATIO_STEPS):
         ratio = (1.0 + ratio) ** (1.0 / (count + 1))
     steps = ratio ** -np.arange(1.0, count + 1)
     shift = np.random.default_rng(seed).random(count)

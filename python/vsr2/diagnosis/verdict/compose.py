@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.diagnosis.how_far.held_out import CONTROLS, HowFar, Loss, rows
 from vsr2.diagnosis.how_far.waterfall import Waterfall
 from vsr2.diagnosis.observed.observations import Observations
@@ -179,7 +180,8 @@ def _estimate(parameter: Parameter, values: Array) -> dict[str, Any]:
     known = 1 / values if inverse else values
     if is_angle(parameter):
         known = _unrolled(known, parameter.lower, parameter.upper)
-    low, least, middle, most, high = np.quantile(known, [0.025, 0.05, 0.5, 0.95, 0.975])
+    low, high = INTERVALS.ends
+    low, least, middle, most, high = np.quantile(known, [low, 0.05, 0.5, 0.95, high])
     found = {"mean": float(known.mean()), "median": float(middle)}
     ends = {"ci90": [float(least), float(most)], "ci95": [float(low), float(high)]}
     if inverse:

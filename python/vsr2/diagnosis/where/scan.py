@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.features import Feature, FeatureChannel, Phase
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 
 Array = NDArray[np.float64]
 
@@ -199,7 +200,7 @@ def scan(
     weights = np.stack([one.weight for one in family]).astype(np.float64)
     by_order = np.array([one.kind.axis is LocationAxis.ORDER for one in family])
     by_session = np.array([one.kind is LocationKind.SESSION for one in family])
-    rng = np.random.default_rng([seed, 5])
+    rng = generator(seed, Stream.LOCATIONS)
     known = (observed != 0).astype(np.float64)
     score = _scores(observed[None], known[None], weights)[0]
     p_value = _family_p(score, _scores(null, (null != 0).astype(np.float64), weights))

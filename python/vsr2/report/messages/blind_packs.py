@@ -11,7 +11,7 @@ from vsr2.blind.form.events import EventCode
 from vsr2.report.messages.templates import check_worded, filled_in
 
 if TYPE_CHECKING:
-    from vsr2.blind.custodian.make import Made
+    from vsr2.blind.custodian.pack_making import Made
     from vsr2.blind.pack_diagnoses import Progress
     from vsr2.codes import Statement
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from vsr2.diagnosis.coverage.coverage_scores import LEVELS
-from vsr2.diagnosis.posterior.calibration import CALIBRATION
+from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.report.messages.templates import counted
 
 if TYPE_CHECKING:
@@ -18,8 +18,8 @@ def check_sentences(found: PosteriorCheck) -> str:
     scores = found.scores
     lines = [
         f"{counted(len(found.judged), 'campaign')} planted, which training did not see",
-        f"sets of causes, {CALIBRATION.coverage:.0%} stated: {share(scores.causes)} hold a true one"
-        f"{_beside(scores.causes, CALIBRATION.coverage)}",
+        f"sets of causes, {CALIBRATED.coverage:.0%} stated: {share(scores.causes)} hold a true one"
+        f"{_beside(scores.causes, CALIBRATED.coverage)}",
         f"most probable answer: {scores.stated:.2f} stated on average, {share(scores.right)} right"
         f"{_beside(scores.right, scores.stated)}",
     ]

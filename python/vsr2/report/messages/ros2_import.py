@@ -22,7 +22,7 @@ HEADINGS: Mapping[type[Code], str] = {
 }
 check_worded(KINDS, HEADINGS, __name__)
 
-NOTES: Mapping[Code, str] = {
+IMPORT_NOTES: Mapping[Code, str] = {
     Ignored.SPLIT_IMPULSE: (
         "{names}: handed to PyBullet, but Bullet solves multibody contacts without split impulse"
     ),
@@ -151,12 +151,12 @@ NOTES: Mapping[Code, str] = {
     Assumed.DEFAULTS: "not given, so the defaults of `preset: original` serve: {names}",
 }
 """Templates of the values."""
-check_worded(chain(*KINDS), NOTES, __name__)
+check_worded(chain(*KINDS), IMPORT_NOTES, __name__)
 
 
 def import_note(note: Statement) -> str:
     """What an import has to say of one thing."""
-    return filled_in(NOTES[note.code], note.values)
+    return filled_in(IMPORT_NOTES[note.code], note.values)
 
 
 def import_text(imported: Ros2Import) -> str:

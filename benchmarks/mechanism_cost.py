@@ -1,6 +1,7 @@
 """What each mechanism, and a pedestal that moves in space, costs a step: ratio of on to off.
 
-    python benchmarks/mechanisms.py [--mesh MESH --mass KG] [--rounds N] [--steps N] [--engines ...]
+    python benchmarks/mechanism_cost.py [--mesh MESH --mass KG] [--rounds N] [--steps N]
+        [--engines ...]
 
 One rock through one record (embedded: configs/motions/synthetic_07.csv, too weak to overturn), each
 engine in turn. In every round a batch with the mechanism follows one without, so that a change of

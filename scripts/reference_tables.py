@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
 """Write the tables of keys in docs/reference/ from the models, so that each default stands once.
 
-    python scripts/reference.py
+    python scripts/reference_tables.py
 
 `configuration.md` is written as a whole; in other pages, what stands between
 `<!-- keys: MODULE.SECTION -->` and `<!-- end of keys -->`.
@@ -13,10 +13,16 @@ import re
 from importlib import import_module
 from pathlib import Path
 
-from vsr2.config.reference import keys_markdown, reference_markdown
+from vsr2.config.reference import key_tables, reference_markdown
+from vsr2.config.section import Section
 
 PAGES = Path(__file__).resolve().parents[1] / "docs" / "reference"
 _BLOCK = re.compile(r"(<!-- keys: ([\w.]+)\.(\w+) -->\n).*?(<!-- end of keys -->)", re.DOTALL)
+
+
+def keys_markdown(section: type[Section]) -> str:
+    """Tables of the keys of a section and of those below, for a page that has a heading of it."""
+    return "\n".join(key_tables(section)).replace("\n## ", "\n### ").strip() + "\n"
 
 
 def filled(text: str) -> str:

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from planar.block import GRAVITY
+from planar.planar_block import GRAVITY
 from vsr2.effects import effect
 
 Array = NDArray[np.float64]

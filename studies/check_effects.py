@@ -8,7 +8,7 @@ of a millimetre and of a milliradian apart, the mean of log10(largest tilt) of `
 `exact`, with its standard error (paired). Run from the repository's root (about 6 minutes on
 one core); docs/validation/effects.md shows the table, `studies/effects_page.py` writes it:
 
-    python studies/effect_checks.py [NAME ...]
+    python studies/check_effects.py [NAME ...]
 
 With names, only the rows of those effects are written again.
 """

@@ -1,4 +1,4 @@
-"""Make the synthetic records of this folder: `python configs/motions/make.py`.
+"""Make the synthetic records of this folder: `python configs/motions/make_motions.py`.
 
 Each is noise shaped by `vsr2.motion.shaped_noise`, low-passed at 20 Hz. Its ground frequency f_g is
 bisected until PGV/PGA is the one asked for, and the amplitude scaled to PGA; both are measured on

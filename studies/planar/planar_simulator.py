@@ -10,14 +10,14 @@ from typing import cast
 import numpy as np
 from numpy.typing import NDArray
 
-from planar.block import (
+from planar.planar_block import (
     DEFAULTS,
     GRAVITY,
     STEP,
     PlanarBlocks,
     simulate_planar,
 )
-from planar.library import PLANAR_LIBRARY, Lanes, PlanarEffect
+from planar.planar_library import PLANAR_LIBRARY, Lanes, PlanarEffect
 from vsr2.campaign import Campaign
 from vsr2.config.motion_source import Filter
 from vsr2.diagnosis.simulated.library import Library

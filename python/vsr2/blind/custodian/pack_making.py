@@ -26,6 +26,7 @@ from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.custodian.engine import Engine, build_engine
 from vsr2.blind.custodian.measurements import Measurements
 from vsr2.blind.custodian.pack_constants import pack_constants
+from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
 from vsr2.blind.custodian.steps import ENTRY, State, Steps, numbers, read_back
 from vsr2.blind.form.events import EventCode, Say, unheard
@@ -147,7 +148,7 @@ def make_pack(
 
     thresholds = steps.once("overturning_acceleration", amplitudes, numbers(len(motions)))
     protocols = [
-        draw_protocol(np.random.default_rng([number, 402, i]), motions, thresholds, settings)
+        draw_protocol(pack_generator(number, PackStream.PROTOCOL, i), motions, thresholds, settings)
         for i in range(settings.protocols)
     ]
     measured = Measurements(steps, engines, protocols, settings, number, say)
@@ -222,7 +223,7 @@ def _drawn_engines(
     study: Study, settings: PackSettings, seed: int
 ) -> tuple[dict[str, Engine], ContactModel]:
     """The engines of a pack, with a contact model that no other pack of the other kind has."""
-    rng = np.random.default_rng([seed, 403])
+    rng = pack_generator(seed, PackStream.CONTACT)
     contact = draw_contact(rng, development=settings.development)
     return {name: build_engine(name, study, contact) for name in settings.engines}, contact
 
@@ -352,7 +353,9 @@ def _campaign(
         SimulationError: nor does it in any of `MAKING.placements` draws.
     """
     for attempt in range(MAKING.placements):
-        rng = np.random.default_rng([seed, 401, planned.index, *([attempt] if attempt else [])])
+        rng = pack_generator(
+            seed, PackStream.CAMPAIGN, planned.index, *([attempt] if attempt else [])
+        )
         gain, inputs = draw_inputs(rng, protocol, settings)
         *seeds, common = (int(one) for one in rng.integers(0, 2**31, size=len(inputs) + 1))
         plain = [

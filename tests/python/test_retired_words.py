@@ -1,0 +1,99 @@
+"""Words of a private vocabulary, which the field does not use, stay out of code and prose."""
+
+from __future__ import annotations
+
+import ast
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+FOLDERS = ("python", "cpp", "studies", "benchmarks", "docs", "scripts", "configs", "models")
+ENDS = {
+    ".py",
+    ".pyi",
+    ".cpp",
+    ".hpp",
+    ".md",
+    ".rst",
+    ".toml",
+    ".yaml",
+    ".j2",
+    ".html",
+    ".sh",
+    ".css",
+    ".js",
+    ".ipynb",
+    ".json",
+}
+RETIRED = (
+    "strangers", "noticed", "placebo", "verge", "stray", "bent", "anew", "foretold", "told",
+    "mates", "cargo", "workshop",
+)  # fmt: skip
+"""In no sense."""
+ORDINARY = {
+    "whole": "undivided; of numbers: without a fraction",
+    "shared": "used by several at once",
+    "dropped": "left out, as a contact that opened or a loose part",
+    "places": "where something stands; puts somewhere",
+    "orders": "of derivatives; in which effects can be added",
+}
+"""Allowed in prose in these senses alone, and in no name but `NAMES`."""
+NAMES = {
+    "whole": {"store.py", "steps.py", "evaluation_store.py"},  # numbers without a fraction
+    "orders": {"sample_spline.py"},  # of derivatives
+    "whole_blocks": {"low_vertices.cpp"},
+}
+"""Files in which a name may hold an ordinary word."""
+
+
+def sources(*ends: str) -> Iterator[Path]:
+    for folder in FOLDERS:
+        for path in sorted((ROOT / folder).rglob("*")):
+            results = path.is_relative_to(ROOT / "docs" / "results")
+            if path.suffix in (ends or ENDS) and not results and path.is_file():
+                yield path
+
+
+def names_of(path: Path) -> Iterator[str]:
+    """Names in a source: of variables, arguments, attributes, functions, classes."""
+    text = path.read_text(encoding="utf-8")
+    if path.suffix != ".py":
+        yield from re.findall(r"\b[A-Za-z_]\w*", re.sub(r"//[^\n]*|\"[^\"\n]*\"", "", text))
+        return
+    for node in ast.walk(ast.parse(text)):
+        match node:
+            case ast.Name(id=name) | ast.arg(arg=name) | ast.Attribute(attr=name):
+                yield name
+            case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
+                yield name
+            case ast.keyword(arg=str(name)):
+                yield name
+
+
+def words_of(name: str) -> set[str]:
+    return set(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_"))
+
+
+@pytest.mark.parametrize("word", RETIRED)
+def test_a_retired_word_stands_nowhere(word: str) -> None:
+    spelled = re.compile(rf"(?<![A-Za-z]){word}(?![a-z])", re.IGNORECASE)
+    found = {
+        f"{path.relative_to(ROOT)}:{number}"
+        for path in sources()
+        for number, line in enumerate(path.read_text(encoding="utf-8").splitlines(), 1)
+        if spelled.search(line)
+    }
+    assert found == set()
+
+
+def test_words_with_an_ordinary_sense_stand_in_no_other_name() -> None:
+    standard = {"shared_ptr", "make_shared", "enable_shared_from_this"}
+    found: dict[str, set[str]] = {}
+    for path in sources(".py", ".cpp", ".hpp"):
+        for name in set(names_of(path)) - standard:
+            if words_of(name) & set(ORDINARY):
+                found.setdefault(name, set()).add(path.name)
+    assert found == NAMES
