@@ -17,7 +17,7 @@ from vsr2.diagnosis.margins.held_out_causes import HeldOutCauses, held_out_proba
 from vsr2.diagnosis.margins.margin_emulator import EMULATOR, _loss, fit_emulator
 from vsr2.diagnosis.margins.margin_search import SEARCH, search_margins
 from vsr2.diagnosis.margins.outcome_model import (
-    OUTCOMES,
+    OUTCOME_MODEL,
     OutcomeModel,
     Particles,
     acting_share,
@@ -211,7 +211,7 @@ def test_a_trial_of_its_own_motion_has_the_probability_of_a_normal_margin() -> N
     model = toy([True, False, True], ["a", "b", "c"])
     given = at(model.space, 0.3)
     mean, variance = model.margins(given)
-    spread = np.sqrt(OUTCOMES.motion**2 + OUTCOMES.trial**2 + variance[0])
+    spread = np.sqrt(OUTCOME_MODEL.motion**2 + OUTCOME_MODEL.trial**2 + variance[0])
     chance = (1 - MARGIN.lapse) * ndtr(-mean[0] / spread) + 0.5 * MARGIN.lapse
     np.testing.assert_allclose(model.probability(given, np.arange(3)), chance, rtol=1e-12)
     expected = np.log(chance[0]) + np.log(1 - chance[1]) + np.log(chance[2])
@@ -238,7 +238,7 @@ def test_a_stronger_motion_takes_its_logarithm_off_all_margins() -> None:
     acts[0, -1] = True
     strong = replace(plain, acts=acts, strength=np.ones(1))
     shift = model.margins(plain)[0] - model.margins(strong)[0]
-    np.testing.assert_allclose(shift, OUTCOMES.strength)
+    np.testing.assert_allclose(shift, OUTCOME_MODEL.strength)
     assert model.log_strength(plain)[0] == 0
 
 

@@ -27,6 +27,7 @@ RESULTS = {
         "diagnosis.reference_campaign.reference_constants",
     ),
     "a prediction": ("diagnosis.prediction", "diagnosis.prediction.prediction_constants"),
+    "causes": ("diagnosis.causes", "diagnosis.causes.causes_constants"),
     "an iteration": ("diagnosis.iteration", "diagnosis.constants.diagnosis_constants"),
     "a calibration": ("calibration.calibrate", "calibration.calibrate.calibration_constants"),
     "a fragility study": ("fragility.run", "fragility.run.fragility_constants"),

@@ -15,9 +15,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis import logistic_baseline
-from vsr2.analysis.baseline import LOGISTIC
-from vsr2.analysis.overturning_margin import MARGIN
-from vsr2.analysis.probability import RELIABILITY, probability_intervals
+from vsr2.analysis.intervals import INTERVALS
+from vsr2.analysis.probability import probability_intervals
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, dump_study, load_study
@@ -34,26 +33,25 @@ from vsr2.diagnosis.margins.held_out_causes import (
 from vsr2.diagnosis.margins.margin_emulator import EMULATOR, MarginEmulator
 from vsr2.diagnosis.margins.margin_search import SEARCH
 from vsr2.diagnosis.margins.outcome_model import (
-    OUTCOMES,
+    OUTCOME_MODEL,
     OutcomeModel,
     Particles,
     acting_share,
 )
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
+from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.pipeline import Progress, Stage
-from vsr2.diagnosis.prediction import PREDICTION
+from vsr2.diagnosis.prediction import PREDICTION, prediction_constants
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.library import free_parameters, is_angle, turn_of
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
-from vsr2.diagnosis.simulated.simulator import SIMULATION
 from vsr2.effects import Parameter
 from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
 from vsr2.results import base_provenance
 from vsr2.results.atomic import csv_text, write_text
-from vsr2.simulation.run_constants import run_constants
 
 Array = NDArray[np.float64]
 CAUSES_FILE = "causes.json"
@@ -65,7 +63,7 @@ VERSION = 1
 
 
 @dataclass(frozen=True)
-class ReportConstants:
+class FoundCausesConstants:
     """What is said of causes; chosen by hand.
 
     Attributes:
@@ -73,17 +71,15 @@ class ReportConstants:
         named: probability from which it is named.
         together: sets of causes that are listed.
         interval: quantiles at the ends of a parameter's interval.
-        replicates: of the bootstrap over motions.
     """
 
     likely: float = 0.5
     named: float = 0.9
     together: int = 8
     interval: tuple[float, float] = (0.05, 0.95)
-    replicates: int = 2000
 
 
-REPORT = ReportConstants()
+FOUND_CAUSES = FoundCausesConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -112,7 +108,7 @@ class Causes:
     @property
     def named(self) -> tuple[str, ...]:
         """Effects that are named."""
-        return tuple(name for name, acts in self.acting.items() if acts >= REPORT.named)
+        return tuple(name for name, acts in self.acting.items() if acts >= FOUND_CAUSES.named)
 
     def to_json(self) -> str:
         """The text of causes.json."""
@@ -207,7 +203,7 @@ def find_causes(
     folder = None if out is None else made_folder(Path(out))
     simulator = simulator_of(used, study, hypotheses, execution, seed)
     model, work = _modelled(used, simulator, folder, scenes, execution, seed)
-    rng = np.random.default_rng([seed, 44])
+    rng = np.random.default_rng([seed, MarginStream.ACTING])
     posterior = sample_posterior(model, np.arange(len(used)), rng)
     acting = acting_share(posterior.particles, model.names)
     likeliest = sorted(acting, key=lambda name: -acting[name])
@@ -217,36 +213,42 @@ def find_causes(
     )  # fmt: skip
     rows = [_cause(model, posterior.particles, name, acting[name]) for name in likeliest]
     corrected, stated = _corrected(study, rows)
+    provenance = {"seed": seed, "left_out": len(given) - len(used), **work}
     content = {
         "format": "vsr2 causes",
         "version": VERSION,
         "campaign": used.name,
         "trials": len(used),
-        "left_out": len(given) - len(used),
         "motions": len(set(used.motion_ids)),
         **_inferred(model, posterior, rows),
-        "emulator": _quality(model.emulator, work["scenes"]),
+        "emulator": _quality(model.emulator, scenes),
         "held_out": _held_out(judged, used, seed),
         "corrected": stated,
-        "not_judged": dict(NOT_JUDGED),
-        "excluded": list(simulator.excluded),
-        "unavailable": {name: str(error) for name, error in simulator.unavailable.items()},
-        "provenance": base_provenance() | {
-            "seed": seed,
-            **work,
-            "simulator": simulator.identity,
-            "nuisances": [one.to_json() for one in simulator.nuisances],
-            "constants": _constants(),
-        },
-    }  # fmt: skip
+        **_not_looked_for(simulator),
+        "provenance": base_provenance() | provenance | _rested_on(simulator),
+    }
     held_out = {_label(allowed): p for allowed, p in judged.probability.items()}
-    result = Causes(
-        content, tuple(trial.trial for trial in used.trials),
-        held_out | {"all": judged.everything}, corrected,
-    )  # fmt: skip
+    trials = tuple(trial.trial for trial in used.trials)
+    result = Causes(content, trials, held_out | {"all": judged.everything}, corrected)
     if folder is not None:
         result.save(folder)
     return result
+
+
+def _not_looked_for(simulator: SceneSimulator) -> dict[str, Any]:
+    return {
+        "not_judged": dict(NOT_JUDGED),
+        "excluded": list(simulator.excluded),
+        "unavailable": {name: str(error) for name, error in simulator.unavailable.items()},
+    }
+
+
+def _rested_on(simulator: SceneSimulator) -> dict[str, Any]:
+    return {
+        "simulator": simulator.identity,
+        "nuisances": [one.to_json() for one in simulator.nuisances],
+        "constants": causes_constants(),
+    }
 
 
 def _report(execution: Execution, stage: Stage, share: float) -> None:
@@ -305,7 +307,7 @@ def _label(allowed: frozenset[str]) -> str:
 
 
 def _summary(values: Array) -> dict[str, Any]:
-    low, high = np.quantile(values, REPORT.interval)
+    low, high = np.quantile(values, FOUND_CAUSES.interval)
     return {"mean": float(values.mean()), "interval": [float(low), float(high)]}
 
 
@@ -322,7 +324,7 @@ def _inferred(
     scatter = zip(("motion", "trial"), model.scatter(particles), strict=True)
     return {
         "causes": rows,
-        "named": [row["name"] for row in rows if row["acts"] >= REPORT.named],
+        "named": [row["name"] for row in rows if row["acts"] >= FOUND_CAUSES.named],
         "together": _together(particles, model.names),
         "log_evidence": posterior.log_evidence,
         "motion_stronger_by": _stronger(model, particles),
@@ -355,7 +357,7 @@ def _values(model: OutcomeModel, own: Particles, name: str) -> list[tuple[Parame
 def _endless(values: Array) -> dict[str, Any]:
     """Mean and interval; None for what is infinite, such as the corner of a filter that is off."""
     finite = values[np.isfinite(values)]
-    low, high = np.quantile(values, REPORT.interval, method="nearest")
+    low, high = np.quantile(values, FOUND_CAUSES.interval, method="nearest")
     return {
         "mean": float(finite.mean()) if finite.size else None,
         "interval": [float(end) if math.isfinite(end) else None for end in (low, high)],
@@ -368,7 +370,7 @@ def _direction(parameter: Parameter, values: Array) -> dict[str, Any]:
     circle = np.exp(2j * np.pi * values / turn)
     mean = float(np.angle(circle.mean()) / (2 * np.pi) * turn)
     off = (values - mean + turn / 2) % turn - turn / 2
-    low, high = np.quantile(off, REPORT.interval)
+    low, high = np.quantile(off, FOUND_CAUSES.interval)
     return {"mean": mean, "interval": [mean + float(low), mean + float(high)]}
 
 
@@ -380,7 +382,7 @@ def _together(particles: Particles, names: Sequence[str]) -> list[dict[str, Any]
     return [
         {"names": list(chosen), "probability": count / len(particles)}
         for chosen, count in sorted(sets.items(), key=lambda one: (-one[1], one[0]))[
-            : REPORT.together
+            : FOUND_CAUSES.together
         ]
     ]
 
@@ -412,7 +414,7 @@ def _held_out(judged: HeldOutCauses, used: Campaign, seed: int) -> dict[str, Any
          *[judged.share(cause) for cause in judged.causes]]
     )  # fmt: skip
     means = np.vstack(
-        [losses.mean(axis=1), resampled_means(losses, motion, replicates=REPORT.replicates)]
+        [losses.mean(axis=1), resampled_means(losses, motion, replicates=INTERVALS.replicates)]
     ).T
     gap = means[0] - means[len(steps) + 1]
     shares = means[len(steps) + 2 :]
@@ -459,7 +461,7 @@ def _corrected(
             name: one["mean"] for name, one in row["parameters"].items() if one["mean"] is not None
         }
         for row in rows
-        if row["acts"] >= REPORT.likely
+        if row["acts"] >= FOUND_CAUSES.likely
     }
     if not added:
         return None, {}
@@ -469,20 +471,16 @@ def _corrected(
         return None, added
 
 
-def _constants() -> dict[str, Any]:
+def causes_constants() -> dict[str, dict[str, Any]]:
     """Tuned numbers that causes rest on, by what they are of."""
     return {
-        "causes": asdict(CAUSES),
-        "search": asdict(SEARCH),
+        "cause_space": asdict(CAUSES),
+        "margin_search": asdict(SEARCH),
         "scenes": asdict(SCENES),
         "emulator": asdict(EMULATOR),
-        "outcomes": asdict(OUTCOMES),
+        "outcomes": asdict(OUTCOME_MODEL),
         "sampler": asdict(SAMPLER),
-        "held_out": asdict(HELD_OUT_CAUSES),
-        "report": asdict(REPORT),
-        "margin": asdict(MARGIN),
-        "logistic": asdict(LOGISTIC),
-        "reliability": asdict(RELIABILITY),
-        "simulation": asdict(SIMULATION),
-        **run_constants(),
+        "held_out_causes": asdict(HELD_OUT_CAUSES),
+        "found_causes": asdict(FOUND_CAUSES),
+        **prediction_constants(),
     }

@@ -12,6 +12,7 @@ from typing import Final
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.simulated.library import (
     Library,
     free_parameters,
@@ -229,7 +230,7 @@ def draw_scene(space: CauseSpace, index: int, seed: int) -> tuple[Array, Acts]:
     Returns:
         Coordinates, shape (coordinates,), and which effects act, shape (effects,).
     """
-    rng = np.random.default_rng([seed, 41, index])
+    rng = np.random.default_rng([seed, MarginStream.SCENES, index])
     acts = rng.random(len(space.names)) < CAUSES.acting
     return space.draw(1, rng)[0], acts & (index > 0)
 

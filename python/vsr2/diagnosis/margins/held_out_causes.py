@@ -14,13 +14,14 @@ from vsr2.analysis.probability import outcome_loss
 from vsr2.campaign.folds import grouped_folds
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.outcome_model import OutcomeModel
+from vsr2.diagnosis.observed.random_streams import MarginStream
 
 Array = NDArray[np.float64]
 Allowed = frozenset[str]
 
 
 @dataclass(frozen=True)
-class HeldOutConstants:
+class HeldOutCausesConstants:
     """How causes are judged; chosen by hand.
 
     Attributes:
@@ -34,7 +35,7 @@ class HeldOutConstants:
     judged: int = 4
 
 
-HELD_OUT_CAUSES = HeldOutConstants()
+HELD_OUT_CAUSES = HeldOutCausesConstants()
 
 
 def held_out_probability(model: OutcomeModel, seed: int) -> Array:
@@ -43,7 +44,7 @@ def held_out_probability(model: OutcomeModel, seed: int) -> Array:
     fold = grouped_folds(model.motions, model.overturned.astype(np.float64), folds)
     out = np.full(fold.size, np.nan)
     for k in np.unique(fold):
-        rng = np.random.default_rng([seed, 43, int(k)])
+        rng = np.random.default_rng([seed, MarginStream.FOLDS, int(k)])
         seen, rest = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
         found = sample_posterior(model, seen, rng, particles=HELD_OUT_CAUSES.particles)
         out[rest] = model.probability(found.particles, rest)

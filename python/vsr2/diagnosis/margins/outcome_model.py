@@ -24,7 +24,7 @@ Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
-class OutcomeConstants:
+class OutcomeModelConstants:
     """Priors of the outcome model; chosen by hand.
 
     Attributes:
@@ -44,7 +44,7 @@ class OutcomeConstants:
     nodes: int = 9
 
 
-OUTCOMES = OutcomeConstants()
+OUTCOME_MODEL = OutcomeModelConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -111,7 +111,7 @@ class OutcomeModel:
     @cached_property
     def prior(self) -> Array:
         """Probability that each effect acts, the strength of the motion last."""
-        chance = min(OUTCOMES.causes / len(self.names), 0.5)
+        chance = min(OUTCOME_MODEL.causes / len(self.names), 0.5)
         may = [self.allowed is None or name in self.allowed for name in self.names]
         return np.where(may, chance, 0.0)
 
@@ -137,12 +137,12 @@ class OutcomeModel:
 
     def log_strength(self, given: Particles) -> Array:
         """Logarithm of the factor by which the real motion is stronger, shape (n,)."""
-        return np.where(given.acts[:, -1], OUTCOMES.strength * given.strength, 0.0)
+        return np.where(given.acts[:, -1], OUTCOME_MODEL.strength * given.strength, 0.0)
 
     def scatter(self, given: Particles) -> tuple[Array, Array]:
         """Standard deviations of margins by motion and by trial, shapes (n,)."""
-        factor = np.exp(OUTCOMES.spread * given.scatter)
-        return OUTCOMES.motion * factor[:, 0], OUTCOMES.trial * factor[:, 1]
+        factor = np.exp(OUTCOME_MODEL.spread * given.scatter)
+        return OUTCOME_MODEL.motion * factor[:, 0], OUTCOME_MODEL.trial * factor[:, 1]
 
     def log_likelihood(self, given: Particles, rows: NDArray[np.int64]) -> Array:
         """Of the outcomes of some trials, shape (n,)."""
@@ -150,7 +150,7 @@ class OutcomeModel:
 
         mean, variance = self.margins(given)
         by_motion, by_trial = self.scatter(given)
-        nodes, weights = np.polynomial.hermite_e.hermegauss(OUTCOMES.nodes)
+        nodes, weights = np.polynomial.hermite_e.hermegauss(OUTCOME_MODEL.nodes)
         reach = np.sqrt(by_motion**2 + variance)[:, None] * nodes
         sign = np.where(self.overturned[rows], 1.0, -1.0)
         deviation = (reach[:, :, None] - mean[:, None, rows]) / by_trial[:, None, None]

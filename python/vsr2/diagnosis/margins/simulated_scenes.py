@@ -14,6 +14,7 @@ from vsr2.diagnosis.margins.cause_space import Acts, CauseSpace, draw_scene
 from vsr2.diagnosis.margins.margin_emulator import MarginEmulator, fit_emulator
 from vsr2.diagnosis.margins.margin_search import SEARCH, scene_margins
 from vsr2.diagnosis.margins.outcome_model import OutcomeModel, emulated_nuisances
+from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.simulated.cache import SimulationCache
 
 Array = NDArray[np.float64]
@@ -121,7 +122,7 @@ def simulate_scenes(
     if rest:
         found = found.joined(done.run(points[pilot:], acts[pilot:], np.tile(guess, (rest, 1))))
     for start, stop in pairwise(ends):
-        rng = np.random.default_rng([seed, 42, start])
+        rng = np.random.default_rng([seed, MarginStream.ROUNDS, start])
         emulator = found.known().emulator(space)
         model = OutcomeModel(space, emulator, overturned, motions, found.nuisances.shape[1])
         drawn = sample_posterior(model, np.arange(overturned.size), rng).particles

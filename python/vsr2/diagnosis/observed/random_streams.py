@@ -69,3 +69,17 @@ class NoiseStream(IntEnum):
 def generator(seed: int, stream: Stream, *index: int) -> np.random.Generator:
     """Of a stream; with further numbers, of one of its parts."""
     return np.random.default_rng([seed, stream, *index])
+
+
+@unique
+class MarginStream(IntEnum):
+    """What a stream of a search for causes is drawn for; no diagnosis draws beside it."""
+
+    SCENES = 41
+    """Scenes of the prior."""
+    ROUNDS = 42
+    """Scenes of the posterior of the time."""
+    FOLDS = 43
+    """What acts, by the motions of the other folds."""
+    ACTING = 44
+    """What acts, by all outcomes."""
