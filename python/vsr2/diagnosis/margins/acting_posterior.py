@@ -4,7 +4,7 @@ Particles of the prior are led to the posterior through powers of the likelihood
 Doucet, A. Jasra, "Sequential Monte Carlo samplers", Journal of the Royal Statistical Society B 68,
 2006). Three moves leave each power's distribution as it is: a walk along differences of particles
 (C. J. F. ter Braak, "A Markov chain Monte Carlo version of the genetic algorithm differential
-evolution", Statistics and Computing 16, 2006), which also draws anew what does not act; an effect
+evolution", Statistics and Computing 16, 2006), which also draws again what does not act; an effect
 that begins or ceases to act; and one that takes the place of another. What does not act keeps
 coordinates of its prior, so that all particles have one dimension (B. P. Carlin, S. Chib, "Bayesian
 model choice via Markov chain Monte Carlo methods", ibid. 57, 1995).

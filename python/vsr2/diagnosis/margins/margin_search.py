@@ -71,8 +71,8 @@ def search_margins(overturns: Overturns, guess: Array) -> Array:
     while (rows := np.flatnonzero(state == _State.OPEN)).size:
         fell = overturns(rows, at[rows])
         state[rows[np.isnan(fell)]] = _State.FAILED
-        for end, limit, told in ((high, -reach, fell > 0.5), (low, reach, fell < 0.5)):
-            hit = rows[told]
+        for end, limit, such in ((high, -reach, fell > 0.5), (low, reach, fell < 0.5)):
+            hit = rows[such]
             end[hit] = at[hit]
             beyond = hit[at[hit] == limit]
             out[beyond], state[beyond] = limit, _State.FOUND
