@@ -90,6 +90,13 @@ def _read(folder: Path, problems: Problems) -> Campaign | None:
             "folder, or make one of the study by `vsr2 campaign simulate STUDY --out FOLDER`",
         )
         return None
+    if not any((folder / name).exists() for name in (FILE, TRIALS)):
+        problems.add(
+            "",
+            f"holds no {FILE} and no {TRIALS}; give a campaign's folder, as `vsr2 campaign "
+            "simulate STUDY --out FOLDER` writes",
+        )
+        return None
     # The table is read even where the description is broken, so that one check tells all.
     description = read_description(folder, problems)
     trials = read_trials(folder, description, problems)

@@ -219,7 +219,8 @@ def _meaning(field: FieldInfo | None) -> str:
 def shown(value: object) -> str:
     """A value as it goes into a message: one line, bounded."""
     try:
-        text = repr(value) if not isinstance(value, str) else ascii(value)
+        # A key without a value, as YAML names what it holds.
+        text = ascii(value) if isinstance(value, str) else "null" if value is None else repr(value)
     except Exception:
         # The value may be any object where a study is built from Python.
         text = f"a {type(value).__name__}"
