@@ -79,6 +79,9 @@ def _read(folder: Path, problems: Problems) -> Campaign | None:
     except (OSError, ValueError):
         present = False
     if not present:
+        if folder.exists():
+            problems.add("", "is a file; give the folder of a campaign")
+            return None
         near = near_path(folder)
         remedy = f"did you mean {near}?" if near else "check the path"
         problems.add("", f"no such folder; {remedy}")

@@ -42,6 +42,8 @@ def load_study(
             (value), remedy`.
     """
     label = os.fspath(path)
+    if isinstance(overrides, str):
+        raise ConfigError(f"overrides is the text {overrides!r}; give a list, as [{overrides!r}]")
     document = read_yaml(path)
     replaced = {apply_override(document.data, override): override for override in overrides}
     _logger.debug("%s: read; %d settings replaced", label, len(overrides))
