@@ -14,6 +14,8 @@ import pytest
 
 import vsr2
 from vsr2.cli.main import main
+from vsr2.diagnosis import Hypotheses
+from vsr2.errors import DiagnosisError
 
 STUDY = """\
 name: block
@@ -196,6 +198,36 @@ def test_an_effect_that_an_engine_lacks_gets_its_neighbour(
     line = ("blind", "make", study, "--out", tmp_path / "pack", "--engine", "bullet")
     assert run(*line, "--effect", "fricton") == 2
     assert "has no effect 'fricton'; did you mean `friction`" in capsys.readouterr().err
+
+
+def test_names_of_a_diagnosis_get_their_neighbour(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    campaign = tmp_path / "known"
+    assert run("campaign", "simulate", study, "--out", campaign, "--quiet") == 0
+    line = ("diagnose", campaign, "--scene", study, "--out", tmp_path / "d")
+    assert run(*line, "--nuisance", "fricton=0.1") == 2
+    assert "give NAME=SD with a number of 0 or more; did you mean friction?" in (
+        capsys.readouterr().err
+    )
+    with pytest.raises(DiagnosisError, match="no effect 'fricton'; did you mean `friction`"):
+        print(Hypotheses(exclude=["fricton"]).offered)
+
+
+def test_a_campaign_of_set_is_relative_to_the_working_folder(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rest = "\n".join(line for line in STUDY.splitlines() if not line.startswith("motion"))
+    study.write_text(
+        f"{rest}\ncampaign: known\nmethod: {{kind: joint}}\n"
+        "parameters: {yaw: {keys: [rock.start.yaw], range: [0.0, 60.0]}}\n"
+    )
+    (tmp_path / "work" / "here").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "work")
+    assert run("config", "check", study) == 2
+    assert f"no such folder ({tmp_path / 'known'})" in capsys.readouterr().err
+    assert run("calibrate", study, "--set", "campaign=here", "--out", "out") == 2
+    assert f"{tmp_path / 'work' / 'here'}: holds no campaign.yaml" in capsys.readouterr().err
 
 
 def test_files_that_are_written_get_their_folder(

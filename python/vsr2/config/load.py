@@ -104,7 +104,7 @@ def apply_override(data: dict[str, Any], override: str) -> KeyPath:
             "contact.rock.restitution=0.5"
         )
     value = parse_yaml(f"value: {text}".encode(), f"override {override!r}").data["value"]
-    if keys[-1] in ("file", "folder") and isinstance(value, str):
+    if keys[-1] in ("file", "folder", "campaign") and isinstance(value, str):
         value = str(from_here(value))
     section = data
     for key in keys[:-1]:
