@@ -77,7 +77,7 @@ def read_bounded(path: str | os.PathLike[str], limit: int, *, remedy: str) -> by
         raise UnreadableError(
             f"no such file; did you mean {near}?"
             if near
-            else "no such file; check the path, which is relative to the file that names it"
+            else "no such file; check the path"
         ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error
