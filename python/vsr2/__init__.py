@@ -59,15 +59,13 @@ def __getattr__(name: str) -> "Any":
     if name in _ROOMS or name in _OTHER_ROOMS:
         return import_module(f"vsr2.{name}")
     # Importing a room asks this module for what begins and ends with two underscores.
-    hint = "" if name.startswith("_") else _hint(name)
-    raise AttributeError(f"module 'vsr2' has no attribute {name!r}{hint}")
+    if not name.startswith("_"):
+        from vsr2.argument_names import nearest
 
-
-def _hint(name: str) -> str:
-    from vsr2.argument_names import nearest
-
-    near = nearest(name, (*__all__, *_ROOMS, *_OTHER_ROOMS))
-    return f"; did you mean {near!r}?" if near else ""
+        near = nearest(name, (*__all__, *_ROOMS, *_OTHER_ROOMS))
+        if near:
+            raise AttributeError(f"module 'vsr2' has no attribute {name!r}; did you mean {near!r}?")
+    raise AttributeError(f"module 'vsr2' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
