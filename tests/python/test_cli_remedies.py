@@ -184,6 +184,14 @@ def test_a_wrong_value_of_set_is_not_laid_to_the_file(
     assert "study.yaml:2: rock.density" in capsys.readouterr().err
 
 
+def test_a_folder_in_place_of_a_file_is_not_said_to_be_missing(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study.write_text(STUDY.replace("shape: box, size: [0.25, 0.5, 1.0]", "shape: mesh, file: ."))
+    assert run("run", study) == 2
+    assert f"rock.file: is no file ({tmp_path})" in capsys.readouterr().err
+
+
 def test_a_tab_that_indents_is_named(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
     study.write_text("name: block\n\trock: {}\n")
     assert run("run", study) == 2

@@ -234,6 +234,8 @@ def _map_paths(section: S, change: Callable[[Path], Path]) -> S:
 
 
 def _missing(kind: str, path: Path) -> str:
+    if os.path.exists(path):
+        return f"is no {kind} ({path}); correct the path"
     near = near_path(path)
     return f"no such {kind} ({path}); {f'did you mean {near}?' if near else 'correct the path'}"
 
