@@ -13,7 +13,10 @@ from cyclopts import (
     ValidationError,
 )
 
-NO_VALUE = {float: "is no number", bool: "is no value that a switch takes; leave it out"}
+NO_VALUE: dict[type, str] = {
+    float: "is no number",
+    bool: "is no value that a switch takes; leave it out",
+}
 """Of a type that the library converts into: what a word is that it cannot convert."""
 
 
@@ -56,7 +59,9 @@ def _missing(error: MissingArgumentError) -> str | None:
 def _excluding(error: ValidationError) -> str | None:
     """Arguments of which a group allows one."""
     found = re.search(r"exclusive arguments: \{(.+)\}", error.exception_message)
-    return found and f"{found[1].replace(', ', ' and ')} exclude each other; give one of them"
+    if found is None:
+        return None
+    return f"{found[1].replace(', ', ' and ')} exclude each other; give one of them"
 
 
 def _too_many(error: UnusedCliTokensError, command: str) -> str | None:
