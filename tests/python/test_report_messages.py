@@ -184,7 +184,7 @@ def test_what_to_measure_next_is_worded() -> None:
     assert alone == (
         "no effect of the library fits: repeat trial T7, which the best of them explains least, "
         "with instruments beyond tier M (series channel), and film base and edges; the residuals "
-        "point to: largest_tilt: low PGA"
+        "point to: largest tilt: low PGA"
     )
     both = next_measurement(check | {"out_of_library": outside | {"location": None}})
     assert both.startswith("if the cause lies outside the library: repeat trial T7")
@@ -207,7 +207,7 @@ def test_what_to_measure_next_is_worded() -> None:
 def test_a_location_is_named_with_its_feature(kind, values, text) -> None:
     place = {"kind": kind, "values": values}
     row = {"location": place, "feature": "largest_tilt", "channel": "tilt"}
-    assert location(row) == f"largest_tilt: {text}"
+    assert location(row) == f"largest tilt: {text}"
     assert location(row | {"feature": "outcome", "channel": "outcome"}) == text
 
 

@@ -75,9 +75,7 @@ def read_bounded(path: str | os.PathLike[str], limit: int, *, remedy: str) -> by
     except FileNotFoundError:
         near = near_path(path)
         raise UnreadableError(
-            f"no such file; did you mean {near}?"
-            if near
-            else "no such file; check the path"
+            f"no such file; did you mean {near}?" if near else "no such file; check the path"
         ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error

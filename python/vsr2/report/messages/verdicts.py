@@ -106,7 +106,7 @@ def next_measurement(measure: Mapping[str, Any]) -> str:
 
 def location(row: Mapping[str, Any]) -> str:
     """A location of the gap, with the feature where that is not the outcome."""
-    feature = "" if row["channel"] == FeatureChannel.OUTCOME else f"{row['feature']}: "
+    feature = "" if row["channel"] == FeatureChannel.OUTCOME else f"{plain(row['feature'])}: "
     return feature + _say("locations", row["location"]["kind"], **row["location"])
 
 
