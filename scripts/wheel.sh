@@ -4,7 +4,9 @@ set -euo pipefail
 cd "$(dirname "$0")/.."
 ./scripts/install.sh dev
 bin=$(realpath "${VSR2_VENV:-.venv}")/bin
-rm -rf dist wheelhouse
-"$bin/python" -m build --wheel --outdir dist . >/dev/null
-PATH="$bin:$PATH" "$bin/auditwheel" repair --wheel-dir wheelhouse dist/*.whl
+raw=$(mktemp -d)
+trap 'rm -rf "$raw"' EXIT
+rm -rf wheelhouse
+"$bin/python" -m build --wheel --outdir "$raw" . >/dev/null
+PATH="$bin:$PATH" "$bin/auditwheel" repair --wheel-dir wheelhouse "$raw"/*.whl
 ls wheelhouse/*.whl

@@ -40,6 +40,7 @@ __all__ = [
 ]
 
 _ROOMS = ("config", "motion", "scene", "trial", "effects", "results", "simulation", "diagnosis")
+_OTHER_ROOMS = ("analysis", "blind", "calibration", "campaign", "fragility", "hazard", "view")
 
 
 def __getattr__(name: str) -> "Any":
@@ -55,8 +56,17 @@ def __getattr__(name: str) -> "Any":
         from importlib.metadata import version
 
         return version("vsr2")
+    if name in _ROOMS or name in _OTHER_ROOMS:
+        return import_module(f"vsr2.{name}")
+    # Importing a room asks this module for what begins and ends with two underscores.
+    if not name.startswith("_"):
+        from vsr2.argument_names import nearest
+
+        near = nearest(name, (*__all__, *_ROOMS, *_OTHER_ROOMS))
+        if near:
+            raise AttributeError(f"module 'vsr2' has no attribute {name!r}; did you mean {near!r}?")
     raise AttributeError(f"module 'vsr2' has no attribute {name!r}")
 
 
 def __dir__() -> list[str]:
-    return sorted({*globals(), *__all__})
+    return sorted({*globals(), *__all__, *_ROOMS, *_OTHER_ROOMS})

@@ -14,7 +14,7 @@ C = TypeVar("C", bound=Callable[..., Any])
 
 
 def checked_names(error: type[Vsr2Error]) -> Callable[[C], C]:
-    """Decorator of a class or function, whose error names the argument that is most likely meant.
+    """Decorator of a class, method or function: its error names the argument that is meant.
 
     Python's own error for an unknown keyword names none, and that for a missing argument is none of
     VSR2's. A :class:`vsr2.errors.Renamed` of the class says what replaced an old name, with its
@@ -28,7 +28,8 @@ def checked_names(error: type[Vsr2Error]) -> Callable[[C], C]:
         taken = of.__init__ if isinstance(of, type) else of  # type: ignore[misc]
         signature = inspect.signature(taken)
         parameters = signature.parameters.values()
-        own = [parameter.name for parameter in parameters][isinstance(of, type) :]
+        names = [parameter.name for parameter in parameters]
+        own = names[names[:1] in (["self"], ["cls"]) :]
         known = frozenset(own)
 
         @functools.wraps(taken)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import inspect
 import pickle
+import subprocess
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -14,7 +16,8 @@ from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, RunOptions, simulate_campaign
 from vsr2.diagnosis import Budget, Execution, Hypotheses, iterate
 from vsr2.errors import CampaignError, DiagnosisError, MotionError, Renamed, Vsr2Error
-from vsr2.motion import Motion, Record
+from vsr2.fragility import run_fragility
+from vsr2.motion import Motion, Record, read_record, response_spectrum
 
 PUBLIC: list[Any] = [getattr(vsr2, name) for name in vsr2.__all__]
 PUBLIC = [one for one in PUBLIC if callable(one) and one not in (vsr2.Study, vsr2.Diagnosis)]
@@ -48,6 +51,45 @@ def test_what_is_said(call: Callable[[], Any], error: type[Vsr2Error], said: str
     with pytest.raises(error) as raised:
         call()
     assert said in str(raised.value)
+
+
+@pytest.mark.parametrize(
+    ("call", "said"),
+    [
+        (lambda: Motion.from_acceleration([0.0], dt=0.01),
+         "from_acceleration(dt=...): is no argument; known are acceleration, interval, units"),
+        (lambda: Motion.from_acceleration([0.0], 0.01, unit="g"), "did you mean `units`?"),
+        (lambda: Motion.from_obspy(None), "from_obspy: `units` is missing; give it"),
+        (lambda: vsr2.build_scene("b.yaml"), "build_scene: got 'b.yaml', a str; give a Study"),
+        (lambda: run_fragility("b.yaml"), "run_fragility: got 'b.yaml', a str; give what"),
+        (lambda: simulate_campaign("b.yaml"), "got 'b.yaml', a str; give a Study"),
+        (lambda: simulate_campaign([1]), "got 1, a int; give a Study"),
+        (lambda: vsr2.load_study("b.yaml", overrides="seed=1"), "give a list, as ['seed=1']"),
+        (lambda: response_spectrum(3, [1.0]), "got a int; give a Motion"),
+        (lambda: read_record("a.csv", format="peeer"), "is unknown; did you mean 'peer'?"),
+        (lambda: Budget(minutes="a"), "budget_minutes is a; give a finite number"),
+    ],
+)  # fmt: skip
+def test_calls_that_read_like_another_librarys(call: Callable[[], Any], said: str) -> None:
+    with pytest.raises(Vsr2Error) as raised:
+        call()
+    assert said in str(raised.value)
+
+
+@pytest.mark.parametrize(("name", "near"), [("runbatch", "run_batch"), ("simulaton", "simulation")])
+def test_a_mistyped_name_of_the_package_gets_its_neighbour(name: str, near: str) -> None:
+    with pytest.raises(AttributeError, match=f"no attribute '{name}'; did you mean '{near}'"):
+        getattr(vsr2, name)
+
+
+def test_rooms_are_there_without_an_import_of_their_own() -> None:
+    done = subprocess.run(
+        [sys.executable, "-c", "import vsr2; print(vsr2.hazard.excluded_age.__name__)"],
+        capture_output=True,
+        text=True,
+        check=True,
+    )
+    assert done.stdout == "excluded_age\n"
 
 
 class _Own:

@@ -14,6 +14,8 @@ import pytest
 
 import vsr2
 from vsr2.cli.main import main
+from vsr2.diagnosis import Hypotheses
+from vsr2.errors import DiagnosisError
 
 STUDY = """\
 name: block
@@ -141,6 +143,99 @@ def test_mistyped_folders_get_their_neighbour(
     )  # fmt: skip
     assert run("run", study) == 2
     assert f"did you mean {study}?" in capsys.readouterr().err
+
+
+def test_a_file_in_place_of_a_result_is_not_its_own_neighbour(
+    study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("view", study) == 2
+    assert capsys.readouterr().err == (
+        f"vsr2: {study}: is no folder; give the folder that `vsr2 run` named\n"
+    )
+
+
+def test_a_folder_without_a_campaign_says_which_folder_is_wanted(
+    tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("campaign", "info", tmp_path) == 2
+    assert capsys.readouterr().err == (
+        f"vsr2: {tmp_path}: holds no campaign.yaml and no trials.csv; give a campaign's folder, "
+        "as `vsr2 campaign simulate STUDY --out FOLDER` writes\n"
+    )
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        ("rock.density=-1", "rock.density: must be greater than 0 (is -1)"),
+        ("rock.size=", "rock.size: must be a list such as [1.0, 2.0, 3.0] (is null)"),
+        ("rok.density=1", "rok: is no key here; did you mean `rock`?"),
+        ("engine.time_step=1", "engine.time_step: must be at most 0.02 (is 1)"),
+    ],
+)
+def test_a_wrong_value_of_set_is_not_laid_to_the_file(
+    change: str, message: str, study: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert run("run", study, "--set", change) == 2
+    assert capsys.readouterr().err == f"vsr2: override '{change}': {message}\n"
+    # What the file itself says wrongly keeps its line.
+    study.write_text(STUDY.replace("2700.0", "-2700.0"))
+    assert run("run", study, "--set", "seed=7") == 2
+    assert "study.yaml:2: rock.density" in capsys.readouterr().err
+
+
+def test_a_folder_in_place_of_a_file_is_not_said_to_be_missing(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    study.write_text(STUDY.replace("shape: box, size: [0.25, 0.5, 1.0]", "shape: mesh, file: ."))
+    assert run("run", study) == 2
+    assert f"rock.file: is no file ({tmp_path})" in capsys.readouterr().err
+
+
+def test_a_tab_that_indents_is_named(study: Path, capsys: pytest.CaptureFixture[str]) -> None:
+    study.write_text("name: block\n\trock: {}\n")
+    assert run("run", study) == 2
+    assert capsys.readouterr().err == (
+        f"vsr2: {study}:2: not valid YAML: a tab stands where blanks indent; use blanks\n"
+    )
+
+
+def test_an_effect_that_an_engine_lacks_gets_its_neighbour(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    line = ("blind", "make", study, "--out", tmp_path / "pack", "--engine", "bullet")
+    assert run(*line, "--effect", "fricton") == 2
+    assert "has no effect 'fricton'; did you mean `friction`" in capsys.readouterr().err
+
+
+def test_names_of_a_diagnosis_get_their_neighbour(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    campaign = tmp_path / "known"
+    assert run("campaign", "simulate", study, "--out", campaign, "--quiet") == 0
+    line = ("diagnose", campaign, "--scene", study, "--out", tmp_path / "d")
+    assert run(*line, "--nuisance", "fricton=0.1") == 2
+    assert "give NAME=SD with a number of 0 or more; did you mean friction?" in (
+        capsys.readouterr().err
+    )
+    with pytest.raises(DiagnosisError, match="no effect 'fricton'; did you mean `friction`"):
+        print(Hypotheses(exclude=["fricton"]).offered)
+
+
+def test_a_campaign_of_set_is_relative_to_the_working_folder(
+    study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    rest = "\n".join(line for line in STUDY.splitlines() if not line.startswith("motion"))
+    study.write_text(
+        f"{rest}\ncampaign: known\nmethod: {{kind: joint}}\n"
+        "parameters: {yaw: {keys: [rock.start.yaw], range: [0.0, 60.0]}}\n"
+    )
+    (tmp_path / "work" / "here").mkdir(parents=True)
+    monkeypatch.chdir(tmp_path / "work")
+    assert run("config", "check", study) == 2
+    assert f"no such folder ({tmp_path / 'known'})" in capsys.readouterr().err
+    assert run("calibrate", study, "--set", "campaign=here", "--out", "out") == 2
+    assert f"{tmp_path / 'work' / 'here'}: holds no campaign.yaml" in capsys.readouterr().err
 
 
 def test_files_that_are_written_get_their_folder(
@@ -319,7 +414,7 @@ def test_config_check_reads_a_calibrations_campaign(
         "parameters: {yaw: {keys: [rock.start.yaw], range: [0.0, 60.0]}}\n"
     )
     assert run("config", "check", study) == 2
-    assert "campaign.yaml: no such file" in capsys.readouterr().err
+    assert "known: holds no campaign.yaml and no trials.csv" in capsys.readouterr().err
 
 
 def test_config_check_takes_a_fragility_study(

@@ -211,8 +211,8 @@ def test_a_folder_is_no_file_and_a_file_no_folder(tmp_path):
     (tmp_path / "table.obj").mkdir()
     (tmp_path / "motions").touch()
     message = refusal(tmp_path, FULL)
-    assert "pedestal.file: no such file" in message
-    assert "motion.folder: no such folder" in message
+    assert "pedestal.file: is no file" in message
+    assert "motion.folder: is no folder" in message
 
 
 def test_a_written_study_moves_with_its_folder(tmp_path):

@@ -97,7 +97,7 @@ def test_a_study_is_frozen():
         ({"contact": {"rock": 5}, "preset": "original"}, "contact.rock: must hold the keys"),
         ({"preset": "phisical"}, "preset: must be physical or original (is 'phisical')"),
         ({"name": 5}, "name: must be text; put it in quotes (is 5)"),
-        ({"name": "../etc"}, "name: must match"),
+        ({"name": "../etc"}, "name: must begin with a letter or digit and hold only letters"),
         ({"pedestal": {"size": [1, 2]}}, "pedestal.size[2]: is missing"),
         ({"pedestal": {"size": [1, 2, 3, 4]}}, "pedestal.size: must have 3 values"),
         ({"pedestal": {"size": 4}}, "pedestal.size: must be a list such as"),

@@ -173,7 +173,7 @@ def test_samples_that_are_too_narrow_are_seen(finished, monkeypatch) -> None:
     assert found.scores.together is not None
     assert found.scores.together.uniformity.p_value < 0.001
     assert found.scores.together.covered[2].high < 0.9
-    assert "90% stated" in check_sentences(found)
+    assert "90 % stated" in check_sentences(found)
     assert "too few" in check_sentences(found)
 
 

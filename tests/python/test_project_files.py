@@ -20,6 +20,14 @@ def test_the_version_is_one():
     assert PROJECT["project"]["version"] == build[1] == str(citation["version"])
 
 
+def test_the_changelog_has_the_release_and_its_date():
+    citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
+    text = (ROOT / "CHANGELOG.md").read_text(encoding="utf-8")
+    sections = re.findall(r"^## (.+)$", text, flags=re.MULTILINE)
+    assert sections[0] == "Unreleased"
+    assert sections[1] == f"{citation['version']} ({citation['date-released']})"
+
+
 def test_the_licence_is_one():
     citation = yaml.safe_load((ROOT / "CITATION.cff").read_text(encoding="utf-8"))
     text = (ROOT / "LICENSE").read_text(encoding="utf-8")

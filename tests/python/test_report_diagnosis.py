@@ -46,8 +46,8 @@ def test_the_page_shows_the_numbers() -> None:
         "table gain record the shake table beside the specimen",
         "drives the simulation T8 4",
         "decay of rocking T9 no number",
-        "starts moved by 1e-6 to 1e-4 m and rad: 2.0%",
-        "half the time step: 3.0%",
+        "starts moved by 1e-6 to 1e-4 m and rad: 2.0 %",
+        "half the time step: 3.0 %",
         "low PGA conditions outcome, whole response 2 +0.90 2.4 0.004",
         "On 2000 simulated campaigns",
         "The name of one cause needs a probability of 0.85, given a gap.",
@@ -163,9 +163,9 @@ def test_the_schema_refuses(part, change) -> None:
 @pytest.mark.parametrize(
     ("changes", "sentence"),
     [
-        ({}, "wear explains the gap (90%): added, it closes 83% of the gap on motions not seen."),
-        ({"probability": 0.9988}, "(over 99%)"),
-        ({"headline": estimate(-0.02)}, "(90%); on motions not seen it does not surely shrink"),
+        ({}, "wear explains the gap (90 %): added, it closes 83 % of the gap on motions not seen."),
+        ({"probability": 0.9988}, "(over 99 %)"),
+        ({"headline": estimate(-0.02)}, "(90 %); on motions not seen it does not surely shrink"),
         ({"closure": estimate(0.005)}, "does not surely shrink the gap more than a negative"),
         ({"closure": NONE_CAN_BE}, "does not surely shrink the gap more than a negative"),
         (
@@ -177,23 +177,23 @@ def test_the_schema_refuses(part, change) -> None:
             "candidates are wear, catch, friction, inertia and 1 more.",
         ),
         ({"kind": "class", "names": ["wear", "catch"]}, "does not decide between them"),
-        ({"kind": "class", "names": ["wear", "catch"]}, "added, the first closes 83%"),
+        ({"kind": "class", "names": ["wear", "catch"]}, "added, the first closes 83 %"),
         ({"kind": "class", "names": ["wear", "catch"], "alike": True}, "cannot tell them apart"),
         ({"kind": "pair", "names": ["wear", "catch"]}, "Wear and catch together explain the gap"),
         (
             {"kind": "several", "names": [["wear", "catch"], ["friction"], ["inertia"]]},
-            "Wear or catch, friction and inertia together explain the gap (90%): added, they close",
+            "Wear or catch, friction and inertia together explain the gap (90 %): added, they",
         ),
-        ({"kind": "unknown", "names": [], "probability": 0.6}, "the library explains it (60%)."),
+        ({"kind": "unknown", "names": [], "probability": 0.6}, "the library explains it (60 %)."),
         (
             {"kind": "unknown", "names": [], "code": "unexplained", "library_fit": 0.004},
-            "explains it (0.4% of simulated campaigns of like misfit leave as much over).",
+            "explains it (0.4 % of simulated campaigns of like misfit leave as much over).",
         ),
         ({"kind": "none", "names": []}, "but residuals stand out: low PGA (family-wise p 0.004)"),
         (
             {"kind": "none", "names": [], "where": CONTENT["where"][1:], "probability": 0.23},
             "gives no reason to change the model, and does not exclude what is too weak to show "
-            "(none: 23%).",
+            "(none: 23 %).",
         ),
     ],
 )

@@ -122,7 +122,7 @@ def test_channels_that_stand_out_are_filled() -> None:
     filled = {text: bar.get_facecolor()[3] > 0 for text, bar in bars.items()}
     assert filled == {
         "all trials: +0.60, family-wise p 0.010": True,
-        "largest_tilt: all trials: -0.30, family-wise p 0.500": False,
+        "largest tilt: all trials: -0.30, family-wise p 0.500": False,
     }
     assert [bar.get_width() for bar in bars.values()] == [0.6, -0.3]
 

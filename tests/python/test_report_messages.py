@@ -69,12 +69,16 @@ def test_every_code_has_a_sentence(code) -> None:
     [
         (
             Statement.of(ReasonCode.NO_GAP, none=0.62, limit=0.31),
-            "no gap beyond noise: none has a probability of 0.62, and one gap-free campaign in "
+            "no gap beyond noise: the probability of none is 0.62, and one gap-free campaign in "
             "twenty has less than 0.31",
         ),
         (
             Statement.of(ReasonCode.GAP, none=0.0123, limit=0.31),
-            "a gap beyond noise: none has a probability of 0.012",
+            "a gap beyond noise: the probability of none is 0.012",
+        ),
+        (
+            Statement.of(ReasonCode.GAP, none=5.7e-07, limit=0.31),
+            "a gap beyond noise: the probability of none is below 0.001, and one",
         ),
         (
             Statement.of(ReasonCode.NONE_LESS_PROBABLE, favoured=("wear", "catch")),
@@ -102,7 +106,7 @@ def test_every_code_has_a_sentence(code) -> None:
         ),
         (
             Statement.of(LimitCode.POSSIBLY_OUT_OF_LIBRARY, probability=0.3, prior=0.15),
-            "the chance that the cause lies outside the library is 30%, from 15% before",
+            "the chance that the cause lies outside the library is 30 %, from 15 % before",
         ),
         (
             Statement.of(LimitCode.NO_GAIN, effects=("wear", "catch")),
@@ -110,7 +114,7 @@ def test_every_code_has_a_sentence(code) -> None:
         ),
         (
             Statement.of(LimitCode.LOW_DETECTION_RATE, rate=0.2),
-            "of causes outside the library 20% are recognised as such",
+            "of causes outside the library 20 % are recognised as such",
         ),
         (
             Statement.of(LimitCode.EQUIVALENT_TO_MEMBER, effect="catch", others=("a", "b")),
@@ -146,7 +150,7 @@ def test_every_code_has_a_sentence(code) -> None:
         ),
         (
             Statement.of(LimitCode.REPEATS_SCATTER, pairs=30, share=0.3, expected=0.1),
-            "of 30 pairs of repeats 30% end otherwise, where the simulations have 10%",
+            "of 30 pairs of repeats 30 % end otherwise, where the simulations have 10 %",
         ),
     ],
 )  # fmt: skip
@@ -180,7 +184,7 @@ def test_what_to_measure_next_is_worded() -> None:
     assert alone == (
         "no effect of the library fits: repeat trial T7, which the best of them explains least, "
         "with instruments beyond tier M (series channel), and film base and edges; the residuals "
-        "point to: largest_tilt: low PGA"
+        "point to: largest tilt: low PGA"
     )
     both = next_measurement(check | {"out_of_library": outside | {"location": None}})
     assert both.startswith("if the cause lies outside the library: repeat trial T7")
@@ -203,7 +207,7 @@ def test_what_to_measure_next_is_worded() -> None:
 def test_a_location_is_named_with_its_feature(kind, values, text) -> None:
     place = {"kind": kind, "values": values}
     row = {"location": place, "feature": "largest_tilt", "channel": "tilt"}
-    assert location(row) == f"largest_tilt: {text}"
+    assert location(row) == f"largest tilt: {text}"
     assert location(row | {"feature": "outcome", "channel": "outcome"}) == text
 
 

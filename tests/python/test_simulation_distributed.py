@@ -335,6 +335,12 @@ def test_the_command_line_uses_a_cluster(
     assert_same(local, load_result(tmp_path / "out"))
 
 
+def test_a_scheduler_file_that_is_not_there_is_not_waited_for_for_ever(tmp_path: Path) -> None:
+    (tmp_path / "scheduler.json").write_text("{}")
+    with pytest.raises(SimulationError, match=r"after 0\.1 s; did you mean .*scheduler"):
+        connect(str(tmp_path / "schedulr.json"), timeout=0.1)
+
+
 def test_effects_of_a_file_reach_a_cluster_whose_workers_do_not_read_it(
     cluster: Cluster, client: Any, tmp_path: Path
 ) -> None:

@@ -79,6 +79,9 @@ def _read(folder: Path, problems: Problems) -> Campaign | None:
     except (OSError, ValueError):
         present = False
     if not present:
+        if folder.exists():
+            problems.add("", "is a file; give the folder of a campaign")
+            return None
         near = near_path(folder)
         remedy = f"did you mean {near}?" if near else "check the path"
         problems.add("", f"no such folder; {remedy}")
@@ -88,6 +91,13 @@ def _read(folder: Path, problems: Problems) -> Campaign | None:
             "",
             "is a result of `vsr2 run` or `vsr2 fragility`, not a campaign; give a campaign's "
             "folder, or make one of the study by `vsr2 campaign simulate STUDY --out FOLDER`",
+        )
+        return None
+    if not any((folder / name).exists() for name in (FILE, TRIALS)):
+        problems.add(
+            "",
+            f"holds no {FILE} and no {TRIALS}; give a campaign's folder, as `vsr2 campaign "
+            "simulate STUDY --out FOLDER` writes",
         )
         return None
     # The table is read even where the description is broken, so that one check tells all.

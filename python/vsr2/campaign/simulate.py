@@ -23,6 +23,7 @@ from vsr2.campaign.campaign import (
     Series,
     Specimen,
 )
+from vsr2.config.problems import shown
 from vsr2.config.study import MeshRock, Study
 from vsr2.effects import apply_effects, chosen
 from vsr2.errors import CampaignError
@@ -36,12 +37,11 @@ from vsr2.results import (
     load_trial_log,
 )
 from vsr2.scene.rotation import quaternion_product
-from vsr2.trial import rows_only
+from vsr2.trial import Trial, rows_only
 
 if TYPE_CHECKING:
     import distributed
 
-    from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
 
@@ -165,6 +165,13 @@ def _asked(
         trials = study_trials(study.model_copy(update={"effects": {}}))
     else:
         trials = list(study)
+        wrong = [one for one in trials if not isinstance(one, Trial)]
+        if wrong or isinstance(study, str):
+            got = study if isinstance(study, str) else wrong[0]
+            raise CampaignError(
+                f"simulate_campaign: got {shown(got)}, a {type(got).__name__}; give a Study, as "
+                "`load_study` reads it, or trials"
+            )
     if not trials:
         raise CampaignError("no trials to simulate: give at least one")
     return [replace(one, output=rows_only(one.output, series_every)) for one in trials], effects

@@ -14,7 +14,7 @@ from pathlib import Path
 from types import FrameType
 from typing import Annotated, Any, Literal
 
-from cyclopts import App, CycloptsError, Parameter, UnknownOptionError
+from cyclopts import App, CycloptsError, Parameter
 
 from vsr2.cli import (
     verb_calibrate,
@@ -29,6 +29,7 @@ from vsr2.cli import (
     verb_view,
 )
 from vsr2.cli.options import DEFAULTS
+from vsr2.cli.usage_errors import usage_error
 from vsr2.errors import ConfigError, Vsr2Error
 
 Shell = Literal["bash", "zsh", "fish"]
@@ -236,7 +237,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         return int(launch(*bound.args, **bound.kwargs) or 0)
     except CycloptsError as error:
         command = " ".join(("vsr2", *(error.command_chain or ())))
-        said = _destination(error, command) or error
+        said = usage_error(error, command)
         print(f"{command}: {said}\n`{command} --help` explains.", file=sys.stderr)
         return 2
     except Vsr2Error as error:
@@ -249,18 +250,6 @@ def _main(arguments: Sequence[str] | None) -> int:
         # The reader of our output went away, as in `vsr2 ... | head`.
         sys.stderr.close()
         return 0
-
-
-def _destination(error: CycloptsError, command: str) -> str | None:
-    """What to say where the place for what is written has no name, or an old one."""
-    if isinstance(error, UnknownOptionError) and error.token.keyword == "--html":
-        return f"--html is --out: `{command} ... --out FILE.html`"
-    given = (error.unused_tokens or [""])[-1]
-    if not given or given.startswith("-") or error.app is None or error.target is None:
-        return None
-    if all(one.name != "--out" for one in error.app.assemble_argument_collection()):
-        return None
-    return f"what is written is named by --out: `{command} ... --out {given}`"
 
 
 if __name__ == "__main__":

@@ -243,6 +243,7 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
     Raises:
         ConfigError: no NAME=SD, or an unknown name.
     """
+    from vsr2.argument_names import nearest
     from vsr2.diagnosis import DEFAULT_NUISANCES, with_deviations
     from vsr2.errors import ConfigError, DiagnosisError
 
@@ -253,9 +254,11 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
             given[name] = float(number)
             with_deviations({name: given[name]})
         except (ValueError, DiagnosisError):
-            names = ", ".join(one.name for one in DEFAULT_NUISANCES)
+            known = [one.name for one in DEFAULT_NUISANCES]
+            near = None if name in known else nearest(name, known)
+            remedy = f"did you mean {near}?" if near else f"names are {', '.join(known)}"
             raise ConfigError(
-                f"--nuisance {text}: give NAME=SD with a number of 0 or more; names are {names}"
+                f"--nuisance {text}: give NAME=SD with a number of 0 or more; {remedy}"
             ) from None
     return with_deviations(given)
 

@@ -45,7 +45,7 @@ def near_path(path: str | os.PathLike[str]) -> str:
     folder, name = os.path.split(os.fspath(path))
     try:
         with os.scandir(folder or ".") as entries:
-            names = [entry.name for entry in islice(entries, MAX_NEIGHBOURS)]
+            names = [one.name for one in islice(entries, MAX_NEIGHBOURS) if one.name != name]
     except (OSError, ValueError):
         return ""
     near = get_close_matches(name[:255], names, n=1, cutoff=0.8)
@@ -75,9 +75,7 @@ def read_bounded(path: str | os.PathLike[str], limit: int, *, remedy: str) -> by
     except FileNotFoundError:
         near = near_path(path)
         raise UnreadableError(
-            f"no such file; did you mean {near}?"
-            if near
-            else "no such file; check the path, which is relative to the file that names it"
+            f"no such file; did you mean {near}?" if near else "no such file; check the path"
         ) from None
     except (OSError, ValueError) as error:
         reason = getattr(error, "strerror", None) or error

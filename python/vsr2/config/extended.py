@@ -131,10 +131,8 @@ def load_extended(
     label = os.fspath(path)
     document = read_yaml(path)
     data: dict[str, Any] = document.data
-    for override in overrides:
-        apply_override(data, override)
-
-    place = locator(label, document.lines)
+    replaced = {apply_override(data, override): override for override in overrides}
+    place = locator(label, document.lines, replaced)
     known = [*Study.model_fields, *own.model_fields]
     odd = [key for key in data if key not in known]
     if odd:

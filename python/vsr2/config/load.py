@@ -42,24 +42,34 @@ def load_study(
             (value), remedy`.
     """
     label = os.fspath(path)
+    if isinstance(overrides, str):
+        raise ConfigError(f"overrides is the text {overrides!r}; give a list, as [{overrides!r}]")
     document = read_yaml(path)
-    for override in overrides:
-        apply_override(document.data, override)
+    replaced = {apply_override(document.data, override): override for override in overrides}
     _logger.debug("%s: read; %d settings replaced", label, len(overrides))
-    place = locator(label, document.lines)
+    place = locator(label, document.lines, replaced)
     base = from_here(label).parent
     return build_study(document.data, base, label=label, place=place, check_files=check_files)
 
 
-def locator(label: str, lines: Mapping[KeyPath, int]) -> Callable[[KeyPath], str]:
-    """Tells where in a file a key path stands, as `file:line`.
+def locator(
+    label: str, lines: Mapping[KeyPath, int], replaced: Mapping[KeyPath, str] | None = None
+) -> Callable[[KeyPath], str]:
+    """Tells where a key path stands, as `file:line`, or which override gives its value.
 
     Args:
         label: name of the file.
         lines: of its keys; a missing key has no line of its own: its section's serves.
+        replaced: overrides, by the key path that each sets.
     """
 
     def place(key_path: KeyPath) -> str:
+        for path, override in (replaced or {}).items():
+            # Of a section that the file lacks, the override made the keys above its own, too.
+            if key_path[: len(path)] == path or (
+                path[: len(key_path)] == key_path and key_path not in lines
+            ):
+                return f"override {override!r}"
         line = nearest_above(lines, key_path)
         return label if line is None else f"{label}:{line}"
 
@@ -77,8 +87,11 @@ def file_locator(label: str | os.PathLike[str]) -> Callable[[KeyPath], str]:
         return locator(name, {})
 
 
-def apply_override(data: dict[str, Any], override: str) -> None:
+def apply_override(data: dict[str, Any], override: str) -> KeyPath:
     """Set one key of a study's mapping, from `key.path=value` with the value in YAML.
+
+    Returns:
+        The path of the key.
 
     Raises:
         ConfigError: not of that form, or the path leads through a value that is no section.
@@ -91,7 +104,7 @@ def apply_override(data: dict[str, Any], override: str) -> None:
             "contact.rock.restitution=0.5"
         )
     value = parse_yaml(f"value: {text}".encode(), f"override {override!r}").data["value"]
-    if keys[-1] in ("file", "folder") and isinstance(value, str):
+    if keys[-1] in ("file", "folder", "campaign") and isinstance(value, str):
         value = str(from_here(value))
     section = data
     for key in keys[:-1]:
@@ -99,6 +112,7 @@ def apply_override(data: dict[str, Any], override: str) -> None:
         if not isinstance(section, dict):
             raise ConfigError(f"override {override!r}: {key} is not a section of the study")
     section[keys[-1]] = value
+    return tuple(keys)
 
 
 def study_from_mapping(
@@ -220,6 +234,8 @@ def _map_paths(section: S, change: Callable[[Path], Path]) -> S:
 
 
 def _missing(kind: str, path: Path) -> str:
+    if os.path.exists(path):
+        return f"is no {kind} ({path}); correct the path"
     near = near_path(path)
     return f"no such {kind} ({path}); {f'did you mean {near}?' if near else 'correct the path'}"
 

@@ -38,6 +38,14 @@ _EXPECTED = {
     "too_long": "must have {max_length} values",
 }
 """What a value must be, by pydantic's type of error, with the numbers that pydantic gives."""
+_PATTERNS = {
+    r"^[A-Za-z0-9][A-Za-z0-9._ -]*$": (
+        "must begin with a letter or digit and hold only letters, digits, blanks, `.`, `_` and `-`"
+    ),
+    r"^[A-Za-z][A-Za-z0-9_]*$": "must begin with a letter and hold only letters, digits and `_`",
+    r"^[a-z_0-9]+(\.[a-z_0-9]+)*$": "must be a key of the study, such as contact.rock.restitution",
+}
+"""Patterns of names in words."""
 
 
 @dataclass(frozen=True)
@@ -127,7 +135,7 @@ def _translate(entry: dict[str, Any], root: type[Section]) -> Problem:
         return Problem(path, _not_one_of(value, [choice.strip("'") for choice in choices]))
     if kind in ("model_type", "model_attributes_type"):
         return Problem(path, f"must hold {_keys(held, owner)} (is {shown(value)})")
-    template = _EXPECTED.get(kind)
+    template = _PATTERNS.get(context.get("pattern", "")) or _EXPECTED.get(kind)
     expected = entry["msg"] if template is None else template.format(**context)
     return Problem(path, f"{expected} (is {shown(value)})")
 
@@ -219,7 +227,8 @@ def _meaning(field: FieldInfo | None) -> str:
 def shown(value: object) -> str:
     """A value as it goes into a message: one line, bounded."""
     try:
-        text = repr(value) if not isinstance(value, str) else ascii(value)
+        # A key without a value, as YAML names what it holds.
+        text = ascii(value) if isinstance(value, str) else "null" if value is None else repr(value)
     except Exception:
         # The value may be any object where a study is built from Python.
         text = f"a {type(value).__name__}"

@@ -224,6 +224,8 @@ def _composed(text: str, label: str) -> Node | None:
                 f"more than {MAX_VALUES} values; shorten it", file=label, line=line
             ) from None
         what = ", ".join(part for part in (error.context, error.problem) if part)
+        if "'\\t'" in what:
+            what = "a tab stands where blanks indent; use blanks"
         raise ConfigError(f"not valid YAML: {what}", file=label, line=line) from None
     except (YAMLError, ValueError, OverflowError) as error:
         # The scanner lets a few of these out, e.g. for an escape beyond Unicode.

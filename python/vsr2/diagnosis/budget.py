@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import time
 from dataclasses import dataclass
+from numbers import Real
 
 from vsr2.argument_names import checked_names
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
@@ -80,14 +81,11 @@ class Budget:
     cpu_minutes: float | None = None
 
     def __post_init__(self) -> None:
-        if not 0 < self.minutes < math.inf:
-            raise DiagnosisError(
-                f"budget_minutes is {self.minutes}; give a finite number of minutes above 0"
-            )
-        if self.cpu_minutes is not None and not 0 < self.cpu_minutes < math.inf:
-            raise DiagnosisError(
-                f"budget_cpu_minutes is {self.cpu_minutes}; give a finite number of minutes above 0"
-            )
+        for name, minutes in (("minutes", self.minutes), ("cpu_minutes", self.cpu_minutes)):
+            if minutes is not None and not (isinstance(minutes, Real) and 0 < minutes < math.inf):
+                raise DiagnosisError(
+                    f"budget_{name} is {minutes}; give a finite number of minutes above 0"
+                )
         if self.simulations is not None and self.simulations < 1:
             raise DiagnosisError(
                 f"simulations is {self.simulations}; give at least 1, or a time instead"

@@ -11,8 +11,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.intervals import INTERVALS
+from vsr2.config.extended import ExtendedStudy
+from vsr2.config.problems import shown
 from vsr2.effects import apply_effects
-from vsr2.errors import ResultError
+from vsr2.errors import ResultError, SimulationError
 from vsr2.fragility.fit import FragilityFit, fit_fragility
 from vsr2.fragility.settings import FIT, FragilitySettings, FragilityStudy
 from vsr2.fragility.trials import PlannedTrial, effect_seed, fragility_trials
@@ -107,6 +109,11 @@ def run_fragility(
         GeometryError, MotionError, SimulationError: the study cannot be run.
         ResultError: the folder cannot be used, or no trial can be judged.
     """
+    if not isinstance(study, ExtendedStudy):
+        raise SimulationError(
+            f"run_fragility: got {shown(study)}, a {type(study).__name__}; give what "
+            "`load_fragility` reads from a file"
+        )
     asked, planned = fragility_trials(study)
     batch = run_batch(
         _with_effects(study, asked, planned),

@@ -183,6 +183,7 @@ class Motion(OneLine, ReadOnlyArrays):
         return {name: getattr(self, name) for name in names}
 
     @classmethod
+    @checked_names(MotionError)
     def from_acceleration(
         cls,
         acceleration: ArrayLike,
@@ -208,6 +209,7 @@ class Motion(OneLine, ReadOnlyArrays):
         )
 
     @classmethod
+    @checked_names(MotionError)
     def from_obspy(
         cls,
         stream: Any,

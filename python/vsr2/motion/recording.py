@@ -39,6 +39,7 @@ from typing import Literal, get_args
 
 import numpy as np
 
+from vsr2.argument_names import nearest
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
@@ -108,9 +109,10 @@ def read_record(
     """
     path = Path(path)
     if format is not None and format not in get_args(RecordFormat):
-        raise MotionError(
-            f"{path}: format {format!r} is unknown; known: {', '.join(get_args(RecordFormat))}"
-        )
+        near = nearest(str(format), get_args(RecordFormat))
+        meant = f"did you mean {near!r}? " if near else ""
+        known = ", ".join(get_args(RecordFormat))
+        raise MotionError(f"{path}: format {format!r} is unknown; {meant}known: {known}")
     if units is not None and units not in UNITS:
         raise MotionError(f"{path}: units {units!r} are unknown; known: {', '.join(UNITS)}")
     try:

@@ -61,6 +61,8 @@ def response_spectrum(
     """
     from scipy.signal import cont2discrete, lfilter
 
+    if not isinstance(motion, Motion):
+        raise MotionError(f"response spectrum: got a {type(motion).__name__}; give a Motion")
     try:
         wanted = np.atleast_1d(real_array(periods))
     except TypeError as error:

@@ -121,7 +121,7 @@ def waterfall_figure(content: Mapping[str, Any]) -> Figure:
     """Loss as simulated, after each cause in turn, with all of the posterior, and the floor."""
     falls = content["waterfall"]
     steps = [("as simulated", falls["steps"][0]["loss"], RED)]
-    steps += [(f"+ {step['effects'][-1]}", step["loss"], BLUE) for step in falls["steps"][1:]]
+    steps += [(f"+ {plain(one['effects'][-1])}", one["loss"], BLUE) for one in falls["steps"][1:]]
     steps += [("+ all others", falls["everything"], BLUE), ("floor", falls["floor"], GREY)]
     figure, panel = _panel((5.2, 0.9 + 0.34 * len(steps)))
     for name, estimate, colour in steps:

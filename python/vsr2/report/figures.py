@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsr2.analysis import Tracking, tracking
 from vsr2.errors import ResultError
+from vsr2.report.messages.templates import counted
 from vsr2.report.panels import legend_below, scale_where_wide, sheet
 from vsr2.report.text import printable
 from vsr2.results import OUTCOMES, BatchResult, Outcome, TrialLog
@@ -119,7 +120,7 @@ def overturning_diagram(result: BatchResult) -> Figure:
     panel.set_ylabel("PGA [g]")
     left_out = len(result) - int(shown.sum())
     note = f", {left_out} more not run" if left_out else ""
-    panel.set_title(f"{int(shown.sum())} trials{note}")
+    panel.set_title(f"{counted(int(shown.sum()), 'trial')}{note}")
     if shown.any():
         legend_below(figure, 3)
     return figure

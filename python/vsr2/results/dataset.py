@@ -123,7 +123,7 @@ def write_netcdf(result: BatchResult, path: str | os.PathLike[str]) -> None:
     try:
         dataset.to_netcdf(path, engine="h5netcdf")
     except OSError as error:
-        raise ResultError(f"cannot be written ({error})", file=path) from error
+        raise _unwritable(path, error) from error
 
 
 def write_parquet(result: BatchResult, path: str | os.PathLike[str]) -> None:
@@ -136,7 +136,15 @@ def write_parquet(result: BatchResult, path: str | os.PathLike[str]) -> None:
     try:
         to_dataframe(result).to_parquet(path, engine="pyarrow")
     except OSError as error:
-        raise ResultError(f"cannot be written ({error})", file=path) from error
+        raise _unwritable(path, error) from error
+
+
+def _unwritable(path: str | os.PathLike[str], error: OSError) -> ResultError:
+    # The libraries' own texts name calls and flags of theirs.
+    reason = os.strerror(error.errno) if error.errno else error
+    return ResultError(
+        f"cannot be written ({reason}); make its folder, or choose another", file=path
+    )
 
 
 def _plain_text(column: NDArray[Any]) -> NDArray[Any]:

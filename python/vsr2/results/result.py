@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
-from difflib import get_close_matches
 from enum import StrEnum
 from numbers import Integral
 from os import PathLike
@@ -19,7 +18,7 @@ from vsr2._native import EngineKind as EngineKind
 from vsr2._native import HandOver as HandOver
 from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
-from vsr2.argument_names import checked_names
+from vsr2.argument_names import checked_names, nearest
 from vsr2.errors import ResultError
 from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyDict
@@ -138,6 +137,10 @@ def _as_members(name: str, column: NDArray[Any], words: type[StrEnum]) -> NDArra
     return out
 
 
+_LOGGED = ("state", "position", *DERIVED, *STATE_COLUMNS)
+"""What :meth:`BatchResult.stack` gives."""
+
+
 @checked_names(ResultError)
 @dataclass(frozen=True, eq=False, repr=False)
 class BatchResult(OneLine):
@@ -240,12 +243,11 @@ class BatchResult(OneLine):
 
     def _column(self, column: str) -> NDArray[Any]:
         if column not in self.trials:
-            near = get_close_matches(str(column), TRIAL_COLUMNS, n=1, cutoff=0.75)
-            raise ResultError(
-                f"no column {column!r}; "
-                + (f"did you mean {near[0]}? " if near else "")
-                + f"known: {', '.join(TRIAL_COLUMNS)}"
-            )
+            near = nearest(str(column), TRIAL_COLUMNS)
+            meant = f"did you mean {near}? " if near else ""
+            if column in _LOGGED:
+                meant = f"it is logged in time, see stack({column!r}); "
+            raise ResultError(f"no column {column!r}; {meant}known: {', '.join(TRIAL_COLUMNS)}")
         return self.trials[column]
 
     @property
@@ -290,11 +292,10 @@ class BatchResult(OneLine):
         Raises:
             ResultError: unknown quantity, or no trial has a log.
         """
-        derived = ("state", "position", *DERIVED)
-        if quantity not in STATE_COLUMNS and quantity not in derived:
-            raise ResultError(
-                f"unknown quantity {quantity!r}; known: {', '.join((*derived, *STATE_COLUMNS))}"
-            )
+        if quantity not in _LOGGED:
+            near = nearest(str(quantity), _LOGGED)
+            meant = f"did you mean {near}? " if near else ""
+            raise ResultError(f"unknown quantity {quantity!r}; {meant}known: {', '.join(_LOGGED)}")
         series = [
             None
             if log is None

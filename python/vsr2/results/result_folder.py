@@ -445,12 +445,13 @@ def _read_provenance(folder: Path) -> tuple[dict[str, Any], list[int], int]:
     """The provenance, the logged trials, and the number of trials."""
     path = folder / PROVENANCE_FILE
     if not folder.is_dir():
-        near = near_path(folder)
+        near = "" if folder.exists() else near_path(folder)
         remedy = f"did you mean {near}?" if near else "give the folder that `vsr2 run` named"
         raise ResultError(f"{folder}: is no folder; {remedy}")
     if not path.exists():
         raise ResultError(
-            f"{path}: does not exist; {folder} is not a result folder, or its run did not finish"
+            f"{path}: does not exist; {folder} is not a result folder, or its run did not finish; "
+            "give the folder that `vsr2 run` named, or finish the run by --resume"
         )
     try:
         content = json.loads(read_text(path))

@@ -12,6 +12,7 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.argument_names import checked_names
+from vsr2.config.problems import shown
 from vsr2.config.study import Contact, Engine, MeshPedestal, MeshRock, Study, UrdfRock
 from vsr2.errors import GeometryError
 from vsr2.one_line import OneLine
@@ -162,6 +163,11 @@ def build_scene(study: Study, *, rock: Mesh = None, pedestal: Mesh = None) -> Sc
         SceneWarning: the rock's size is unusual, it sinks into a soft contact, or its impacts may
             gain energy.
     """
+    if not isinstance(study, Study):
+        raise GeometryError(
+            f"build_scene: got {shown(study)}, a {type(study).__name__}; give a Study, as "
+            "`load_study` reads it from a file"
+        )
     under = _pedestal(study, pedestal)
     body = _rock(study, rock, under)
     notes = contact_notes(body, study.contact, study.engine)

@@ -12,6 +12,7 @@ at the end, when nothing else runs, so that only a trial that kills workers all 
 from __future__ import annotations
 
 import logging
+import os
 import pickle
 import queue
 import threading
@@ -23,6 +24,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, TypeAlias
 
 from vsr2 import _native
+from vsr2.config.bounded import near_path
 from vsr2.errors import SimulationError
 from vsr2.results import TrialLog
 from vsr2.simulation.native_trials import QUEUE, failed_row
@@ -71,6 +73,21 @@ class ClusterConstants:
 CLUSTER = ClusterConstants()
 
 
+def _await_file(path: str, timeout: float) -> None:
+    """Wait for the file of a scheduler that is starting; Dask would wait for ever.
+
+    Raises:
+        SimulationError: it is not there in time.
+    """
+    ends = time.monotonic() + timeout
+    while not os.path.isfile(path):
+        if time.monotonic() >= ends:
+            near = near_path(path)
+            remedy = f"did you mean {near}?" if near else "give the one that `dask scheduler` wrote"
+            raise SimulationError(f"scheduler {path}: no such file after {timeout:g} s; {remedy}")
+        time.sleep(min(0.1, timeout))
+
+
 def connect(address: str, *, timeout: float = 10.0) -> distributed.Client:
     """A client of the scheduler at an address such as tcp://10.0.0.1:8786.
 
@@ -83,6 +100,8 @@ def connect(address: str, *, timeout: float = 10.0) -> distributed.Client:
     """
     module = _distributed()
     where = {"scheduler_file": address} if address.endswith(".json") else {"address": address}
+    if "scheduler_file" in where:
+        _await_file(address, timeout)
     try:
         client: distributed.Client = module.Client(
             **where, timeout=timeout, set_as_default=False, name="vsr2"

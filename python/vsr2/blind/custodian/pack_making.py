@@ -55,6 +55,7 @@ from vsr2.codes import Statement
 from vsr2.config import Study
 from vsr2.config.motion_source import Filter
 from vsr2.config.yaml_file import dump_yaml
+from vsr2.effects.parameter import near
 from vsr2.errors import BlindError, SimulationError
 
 SCENE_FILE = "scene.yaml"
@@ -206,8 +207,9 @@ def _allowed(
             continue
         unknown = set(settings.effects) - set(engine.effects)
         if unknown:
+            wrong = min(unknown)
             raise BlindError(
-                f"engine {name} has no effect {min(unknown)!r}; it has {', '.join(engine.effects)}"
+                f"engine {name} has no effect {wrong!r}; {near(wrong, list(engine.effects))}"
             )
         allowed = settings.effects or engine.effects
         out[name] = {one: effect for one, effect in engine.effects.items() if one in allowed}

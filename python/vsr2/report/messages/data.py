@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsr2.report.messages.templates import check_worded, counted, filled_in
+from vsr2.report.messages.templates import check_worded, counted, filled_in, written
 from vsr2.scene import SceneNote
 from vsr2.scene.notes import WARNINGS
 
@@ -111,9 +111,10 @@ def inertia_text(summary: Mapping[str, Any]) -> str:
         f"  extents         {row(summary['extents_m'])} m",
     ]
     if summary["volume_m3"] is not None:
+        share = summary["volume_m3"] / summary["hull_volume_m3"]
         lines += [
             f"  volume          {summary['volume_m3']:.6g} m^3 "
-            f"({summary['volume_m3'] / summary['hull_volume_m3']:.1%} of its convex hull)",
+            f"({written(share, '.1%')} of its convex hull)",
             f"  density         {summary['density_kg_m3']:.6g} kg/m^3"
             + (" (assumed; give --density or --mass)" if summary["density_assumed"] else ""),
         ]

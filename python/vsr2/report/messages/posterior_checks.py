@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 from vsr2.diagnosis.coverage.coverage_scores import LEVELS
 from vsr2.diagnosis.posterior.calibration import CALIBRATED
-from vsr2.report.messages.templates import counted
+from vsr2.report.messages.templates import counted, written
 
 if TYPE_CHECKING:
     from vsr2.analysis.intervals import Score
@@ -18,14 +18,15 @@ def check_sentences(found: PosteriorCheck) -> str:
     scores = found.scores
     lines = [
         f"{counted(len(found.judged), 'campaign')} planted, which training did not see",
-        f"sets of causes, {CALIBRATED.coverage:.0%} stated: {share(scores.causes)} hold a true one"
+        f"sets of causes, {written(CALIBRATED.coverage, '.0%')} stated: "
+        f"{share(scores.causes)} hold a true one"
         f"{_beside(scores.causes, CALIBRATED.coverage)}",
         f"most probable answer: {scores.stated:.2f} stated on average, {share(scores.right)} right"
         f"{_beside(scores.right, scores.stated)}",
     ]
     if scores.together is not None:
         lines += [
-            f"intervals of parameters, {level:.0%} stated: {share(held)} hold the truth"
+            f"intervals of parameters, {written(level, '.0%')} stated: {share(held)} hold the truth"
             f"{_beside(held, level)}"
             for level, held in zip(LEVELS, scores.together.covered, strict=True)
         ]

@@ -35,6 +35,11 @@ def counted(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
 
 
+def written(value: float, form: str) -> str:
+    """A number in a form of `format`; a blank stands before the sign of per cent."""
+    return format(value, form).replace("%", " %")
+
+
 def filled_in(template: str, values: Mapping[str, Any]) -> str:
     """A template of `str.format` with its values: lists parted by commas, numbers of six digits."""
     return template.format(

@@ -18,7 +18,7 @@ from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import LimitCode, ReasonCode, VerdictKind
 from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.errors import Fault, ResultError
-from vsr2.report.messages.templates import check_worded
+from vsr2.report.messages.templates import check_worded, written
 from vsr2.report.pages import environment, listed, plain
 
 if TYPE_CHECKING:
@@ -52,7 +52,8 @@ def _templates() -> dict[tuple[str, str], Template]:
             "fault": lambda fault: _say("faults", fault),
             "interval": interval,
             "location": location,
-            "number": format,
+            "number": written,
+            "small_probability": _small_probability,
             "say": lambda key, section: _say(section, key),
             "unit": _unit,
         }
@@ -62,6 +63,11 @@ def _templates() -> dict[tuple[str, str], Template]:
         for section, templates in _SECTIONS.items()
         for key, template in templates.items()
     }
+
+
+def _small_probability(value: float) -> str:
+    """Two digits; what is smaller than an estimate can tell is below a thousandth."""
+    return f"{value:.2g}" if value >= 0.001 else "below 0.001"
 
 
 def _say(section: str, key: str, **values: Any) -> str:
@@ -100,14 +106,14 @@ def next_measurement(measure: Mapping[str, Any]) -> str:
 
 def location(row: Mapping[str, Any]) -> str:
     """A location of the gap, with the feature where that is not the outcome."""
-    feature = "" if row["channel"] == FeatureChannel.OUTCOME else f"{row['feature']}: "
+    feature = "" if row["channel"] == FeatureChannel.OUTCOME else f"{plain(row['feature'])}: "
     return feature + _say("locations", row["location"]["kind"], **row["location"])
 
 
 def noise_floor(layers: Mapping[str, Any]) -> list[str]:
     """What is changed in each layer of the noise floor that is known, and its share."""
     return [
-        f"{_say('layers', name)}: {layers[name]:.1%}"
+        f"{_say('layers', name)}: {written(layers[name], '.1%')}"
         for section, name in _templates()
         if section == "layers" and layers.get(name) is not None
     ]
@@ -127,7 +133,9 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         verdict["kind"],
         names=[plain(name) for name in named],
         findings=[" or ".join(plain(name) for name in one) for one in verdict["findings"]],
-        chance=f"{verdict['probability']:.0%}" if verdict["probability"] < 0.995 else "over 99%",
+        chance=written(verdict["probability"], ".0%")
+        if verdict["probability"] < 0.995
+        else "over 99 %",
         alike=ReasonCode.EQUIVALENT_HERE in reasons,
         unexplained=ReasonCode.UNEXPLAINED in reasons,
         found=standing_out(content),
