@@ -253,7 +253,7 @@ class Attributing:
     """
 
     out: Path | None = None
-    scenes: opt.Integer = 96
+    scenes: opt.Integer = 112
     exclude: opt.Excluded = ()
     prior: opt.Priors = ()
     nuisance: opt.Nuisances = ()

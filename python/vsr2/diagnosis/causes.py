@@ -162,7 +162,7 @@ def find_causes(
     scene: Study | str | PathLike[str],
     *,
     out: str | PathLike[str] | None = None,
-    scenes: int = 96,
+    scenes: int = 112,
     hypotheses: Hypotheses = HYPOTHESES,
     execution: Execution = EXECUTION,
     seed: int = 0,

@@ -25,12 +25,12 @@ class SceneConstants:
     """How scenes are chosen; chosen by hand.
 
     Attributes:
-        prior: share of the scenes that come from the prior.
+        prior: share of the scenes that come from the prior: four rounds' worth of seven.
         rounds: in which the others come from the posterior of the time.
         least: scenes that an emulator needs.
     """
 
-    prior: float = 0.5
+    prior: float = 4 / 7
     rounds: int = 3
     least: int = 24
 
