@@ -40,6 +40,18 @@ Vector3d bounded_velocity(const Vector3d& v) {
   return {bounded_velocity(v.x()), bounded_velocity(v.y()), bounded_velocity(v.z())};
 }
 
+// The support's pitch axis, along the support's axes and from its origin; 0 where there is no joint.
+struct PitchAxis {
+  Vector3d along = Vector3d::Zero();
+  Vector3d place = Vector3d::Zero();  // [m]
+
+  PitchAxis(const Support& support, const SupportMotor& motor) {
+    if (!(motor.pitch_response > 0)) return;
+    along = support.R_WP.row(1).transpose();
+    place = support.R_WP.transpose() * (motor.p_WA - support.p_WP);
+  }
+};
+
 }  // namespace
 
 // A step's velocities and contact law, along the support's axes. The one place where contact parameters
@@ -116,10 +128,10 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
   iterations_ = 0;
   if (count_ > 0 || motor.inverse_mass > 0) {
     const ContactStep step(m, R_WB, support, v, w, dt);
-    const bool yields = motor.inverse_mass > 0 || motor.pitch_response > 0;
     VelocityChange<double> change;
-    const bool solves = m.engine.converged_contacts && !yields && !(m.engine.residual_threshold > 0);
-    if (!solves || !stick(step, support, change))
+    const bool solves = m.engine.converged_contacts && !(motor.inverse_mass > 0) &&
+                        !(m.engine.residual_threshold > 0);
+    if (!solves || !stick(step, support, motor, change))
       sweep(step, support, motor, change);
     Vector3d dw(change.angular);
     Vector3d dv(change.linear);
@@ -135,7 +147,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
 }
 
 // Impulses of contacts that all stick; false: some slide.
-bool FastStepper::stick(const ContactStep& step, const Support& support,
+bool FastStepper::stick(const ContactStep& step, const Support& support, const SupportMotor& motor,
                         VelocityChange<double>& change) {
   const FastModel& m = *model_;
   StickingProblem problem;
@@ -148,21 +160,30 @@ bool FastStepper::stick(const ContactStep& step, const Support& support,
   if (step.turns) {
     const Vector3d p_PB = support.R_WP.transpose() * (state.p_WB - support.p_WP);
     problem.linear -= step.support_w.cross(p_PB);
+    if (motor.pitch_response > 0) {
+      const PitchAxis axis(support, motor);
+      problem.joint = {motor.pitch_response, axis.along, step.support_w,
+                       axis.along.cross(p_PB - axis.place)};
+      for (int i = 0; i < count_; ++i)
+        problem.contacts[i].gap = p_PB + contacts_[i].r_P - contacts_[i].s_P;
+    }
   }
   for (int i = 0; i < count_; ++i) {
     const Contact& c = contacts_[i];
-    problem.contacts[i] = {.x = c.r_P.x(),
-                           .y = c.r_P.y(),
-                           .z = c.r_P.z(),
-                           .target = step.rebound(step.slip(c).z()) + step.closing(c),
-                           .bounds = FrictionBounds::of(m.pair, friction_scale[i]),
-                           .normal = c.normal_impulse};
+    StickingContact& at = problem.contacts[i];
+    at.x = c.r_P.x();
+    at.y = c.r_P.y();
+    at.z = c.r_P.z();
+    at.target = step.rebound(step.slip(c).z()) + step.closing(c);
+    at.bounds = FrictionBounds::of(m.pair, friction_scale[i]);
+    at.normal = c.normal_impulse;
   }
   if (!solve_sticking(problem)) return false;
   for (int k = 0; k < 3; ++k) {
     change.angular[k] = problem.angular[k];
     change.linear[k] = problem.linear[k];
   }
+  change.joint = problem.pitch_rate;
   for (int i = 0; i < count_; ++i) {
     contacts_[i].normal_impulse = problem.contacts[i].normal;
     contacts_[i].lateral_impulse_1 = -problem.contacts[i].lateral_y;
@@ -180,14 +201,9 @@ void FastStepper::sweep(const ContactStep& step, const Support& support, const S
   ContactProblem problem;
   problem.count = count_;
   problem.motor = motor.row(step.support_v.x());
-  Vector3d pitch_P = Vector3d::Zero();
-  Vector3d axis_P = Vector3d::Zero();
   if (motor.inverse_mass > 0) problem.joint = Joint::motor;
-  if (motor.pitch_response > 0) {
-    problem.joint = Joint::pitch;
-    pitch_P = support.R_WP.row(1).transpose();
-    axis_P = support.R_WP.transpose() * (motor.p_WA - support.p_WP);
-  }
+  if (motor.pitch_response > 0) problem.joint = Joint::pitch;
+  const PitchAxis axis(support, motor);
   const bool sprung = problem.joint == Joint::pitch;
   for (int i = 0; i < count_; ++i) {
     const Contact& c = contacts_[i];
@@ -197,11 +213,11 @@ void FastStepper::sweep(const ContactStep& step, const Support& support, const S
     const Vector3d slip = step.slip(c);
     // Slip by a unit rate of pitch, and that rate by a unit impulse along the slip.
     Vector3d lever = Vector3d::Zero();
-    if (sprung) lever = -pitch_P.cross(c.s_P - axis_P);
+    if (sprung) lever = -axis.along.cross(c.s_P - axis.place);
     const Vector3d yield = motor.pitch_response * lever;
     rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {lever.z(), yield.z()},
                      (step.rebound(slip.z()) - slip.z()) + step.closing(c), step.softness);
-    rows.spin.fill(rock, {0, 0, 1}, 0.0, {-pitch_P.z(), -motor.pitch_response * pitch_P.z()},
+    rows.spin.fill(rock, {0, 0, 1}, 0.0, {-axis.along.z(), -motor.pitch_response * axis.along.z()},
                    step.support_w.z() - step.w.z());
     rows.lateral_1.fill(rock, {r.z(), 0, -r.x()}, -1.0, {-lever.y(), -yield.y()}, slip.y());
     rows.lateral_2.fill(rock, {0, r.z(), -r.y()}, 1.0,

@@ -130,7 +130,8 @@ class FastStepper {
   bool closest_by_bullet(const Support& support, Eigen::Vector3d& p_W_rock,
                          Eigen::Vector3d& p_W_support, double& distance) const;
   struct ContactStep;
-  bool stick(const ContactStep& step, const Support& support, VelocityChange<double>& change);
+  bool stick(const ContactStep& step, const Support& support, const SupportMotor& motor,
+             VelocityChange<double>& change);
   void sweep(const ContactStep& step, const Support& support, const SupportMotor& motor,
              VelocityChange<double>& change);
   void move(const Eigen::Vector3d& v, const Eigen::Vector3d& w, double dt);

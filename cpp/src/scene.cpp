@@ -110,7 +110,7 @@ class ShapeBuilder {
     std::vector<std::pair<btTransform, btCollisionShape*>> children;
     for (const Part& part : parts) {
       if (const auto* hull = std::get_if<HullPart>(&part)) {
-        children.emplace_back(btTransform::getIdentity(), convex_hull(*hull, what));
+        children.emplace_back(btTransform::getIdentity(), own(hull->reduction().shape(margin_, what)));
       } else if (const auto* box = std::get_if<BoxPart>(&part)) {
         require(finite(box->size) && box->size.minCoeff() > 0, what + ": box sizes must be positive");
         check_pose(box->pose, what + ": box pose");
@@ -142,22 +142,6 @@ class ShapeBuilder {
     raw->setMargin(margin_);
     shapes_.owned.push_back(std::move(shape));
     return raw;
-  }
-
-  btConvexHullShape* convex_hull(const HullPart& part, const std::string& what) {
-    require(part.points.size() >= 4, what + ": a convex hull needs at least 4 points, got " +
-                                         std::to_string(part.points.size()));
-    auto hull = std::make_unique<btConvexHullShape>();
-    hull->setMargin(margin_);
-    for (const Eigen::Vector3d& p : part.points) {
-      require(finite(p), what + ": a hull point is not finite");
-      hull->addPoint(to_bullet(p), false);
-    }
-    // The box is taken before the hull is reduced, as PyBullet does.
-    hull->recalcLocalAabb();
-    hull->optimizeConvexHull();
-    require(hull->getNumVertices() >= 4, what + ": the hull's points lie in one plane");
-    return own(std::move(hull));
   }
 
   btCollisionShape* triangles(const TrianglesPart& part, const std::string& what) {
@@ -204,6 +188,31 @@ btVector3 box_inertia(const btCollisionShape& shape, double mass) {
 }
 
 }  // namespace
+
+HullPart::HullPart(std::vector<Eigen::Vector3d> points)
+    : reduction_(std::make_shared<Reduction>(std::move(points))) {}
+
+const std::vector<Eigen::Vector3d>& HullPart::points() const { return reduction_->points; }
+
+std::unique_ptr<btConvexHullShape> HullPart::Reduction::shape(double margin, const std::string& what) {
+  const std::lock_guard lock(mutex_);
+  if (!kept_ || kept_->getMargin() != margin) {
+    require(points.size() >= 4,
+            what + ": a convex hull needs at least 4 points, got " + std::to_string(points.size()));
+    auto hull = std::make_unique<btConvexHullShape>();
+    hull->setMargin(margin);
+    for (const Eigen::Vector3d& p : points) {
+      require(finite(p), what + ": a hull point is not finite");
+      hull->addPoint(to_bullet(p), false);
+    }
+    // The box is taken before the hull is reduced, as PyBullet does.
+    hull->recalcLocalAabb();
+    hull->optimizeConvexHull();
+    require(hull->getNumVertices() >= 4, what + ": the hull's points lie in one plane");
+    kept_ = std::move(hull);
+  }
+  return std::make_unique<btConvexHullShape>(*kept_);
+}
 
 Scene::Scene(EngineSettings engine, PedestalSpec pedestal, RockSpec rock, Mechanisms mechanisms)
     : engine_(engine),

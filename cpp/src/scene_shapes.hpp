@@ -2,6 +2,9 @@
 // Bullet collision shapes of a scene; private to the core.
 
 #include <memory>
+#include <mutex>
+#include <string>
+#include <utility>
 #include <vector>
 
 #include <btBulletCollisionCommon.h>
@@ -12,6 +15,20 @@
 namespace vsr2 {
 
 struct FastModel;
+
+/// The shape that Bullet makes of a hull's points, kept for the latest collision margin.
+struct HullPart::Reduction {
+  explicit Reduction(std::vector<Eigen::Vector3d> given) : points(std::move(given)) {}
+  /// A copy of the shape; its box is that of all points, as in PyBullet.
+  /// @throws InvalidInput for points that span no hull; `what` they belong to.
+  std::unique_ptr<btConvexHullShape> shape(double margin, const std::string& what);
+
+  const std::vector<Eigen::Vector3d> points;
+
+ private:
+  std::mutex mutex_;
+  std::unique_ptr<const btConvexHullShape> kept_;
+};
 
 struct Scene::Shapes {
   // Owned pieces, in the order of construction; the roots below point into them.

@@ -104,7 +104,7 @@ void bind_engine(py::module_& m) {
 
 void bind_parts(py::module_& m) {
   py::class_<HullPart>(m, "HullPart")
-      .def(py::init([](const Given<py::array>& given) { return HullPart{points(given, "points")}; }),
+      .def(py::init([](const Given<py::array>& given) { return HullPart(points(given, "points")); }),
            py::kw_only(), py::arg("points"));
   bind_record<BoxPart>(
       m, "BoxPart", Field{"size", &BoxPart::size},

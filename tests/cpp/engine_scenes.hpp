@@ -30,26 +30,26 @@ inline const char* name(Drive drive) {
 inline HullPart ellipsoid() {
   std::mt19937 generator(1);
   std::normal_distribution<double> normal;
-  HullPart hull;
+  std::vector<Eigen::Vector3d> points;
   for (int i = 0; i < 300; ++i) {
     Eigen::Vector3d p(normal(generator), normal(generator), normal(generator));
     p.normalize();
-    hull.points.push_back(p.cwiseProduct(Eigen::Vector3d(0.3, 0.25, 0.45)));
+    points.push_back(p.cwiseProduct(Eigen::Vector3d(0.3, 0.25, 0.45)));
   }
-  return hull;
+  return HullPart(points);
 }
 
 /// A column that stands level on a nine-sided base, its mass centre at the origin.
 inline HullPart column() {
-  HullPart hull;
+  std::vector<Eigen::Vector3d> points;
   for (const double z : {-0.48, 0.5}) {
     for (int i = 0; i < 9; ++i) {
       const double angle = 0.7 * i;
       const double radius = z < 0 ? 0.25 + 0.01 * (i % 3) : 0.2;
-      hull.points.emplace_back(radius * std::cos(angle), radius * std::sin(angle), z);
+      points.emplace_back(radius * std::cos(angle), radius * std::sin(angle), z);
     }
   }
-  return hull;
+  return HullPart(points);
 }
 
 inline RockSpec rock(RockKind kind) {

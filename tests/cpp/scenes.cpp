@@ -27,23 +27,23 @@ std::shared_ptr<const Scene> block_scene(const BlockOptions& options) {
 }
 
 std::shared_ptr<const Scene> hull_scene(int sides) {
-  HullPart hull;
+  std::vector<Eigen::Vector3d> points;
   const Eigen::Vector3d half(0.2, 0.275, 0.475);
   if (sides == 0) {
     for (double x : {-1.0, 1.0})
       for (double y : {-1.0, 1.0})
-        for (double z : {-1.0, 1.0}) hull.points.push_back(half.cwiseProduct(Eigen::Vector3d(x, y, z)));
+        for (double z : {-1.0, 1.0}) points.push_back(half.cwiseProduct(Eigen::Vector3d(x, y, z)));
   } else {
     for (int i = 0; i < sides; ++i) {
       const double angle = 2 * M_PI * i / sides;
-      for (double z : {-0.475, 0.475}) hull.points.push_back({0.2 * std::cos(angle), 0.2 * std::sin(angle), z});
+      for (double z : {-0.475, 0.475}) points.push_back({0.2 * std::cos(angle), 0.2 * std::sin(angle), z});
     }
   }
   // Given in a model frame that is not the body's: shifted and turned.
   const Pose X_MB{{0.1, -0.05, 0.3}, Eigen::Quaterniond(Eigen::AngleAxisd(0.4, Eigen::Vector3d(1, 2, 3).normalized()))};
-  for (Eigen::Vector3d& p : hull.points) p = X_MB.position + X_MB.orientation * p;
+  for (Eigen::Vector3d& p : points) p = X_MB.position + X_MB.orientation * p;
   RockSpec rock;
-  rock.parts = {hull};
+  rock.parts = {HullPart(points)};
   rock.mass = 500.0;
   rock.principal_inertia = sides == 0 ? Eigen::Vector3d(50.2, 44.3, 19.3) : Eigen::Vector3d(42.6, 42.6, 10.0);
   rock.X_MB = X_MB;

@@ -39,11 +39,11 @@ struct Block {
     RockSpec rock;
     const Eigen::Vector3d size(2 * b, depth, 2 * h);
     if (hull) {
-      HullPart part;
+      std::vector<Eigen::Vector3d> points;
       for (double x : {-b, b})
         for (double y : {-0.5 * depth, 0.5 * depth})
-          for (double z : {-h, h}) part.points.push_back({x, y, z});
-      rock.parts = {part};
+          for (double z : {-h, h}) points.push_back({x, y, z});
+      rock.parts = {HullPart(points)};
     } else {
       rock.parts = {BoxPart{size, {}}};
     }

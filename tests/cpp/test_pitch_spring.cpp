@@ -268,12 +268,13 @@ TEST(PitchSpring, CarriesARockMuchHeavierThanItself) {
   for (const auto& world : worlds(scene)) {
     world->spawn_rock(standing(0.1));
     for (int i = 0; i < 1000; ++i) world->step({});
-    shake(*world, 1.0, 4.0);
+    // So gently that no corner lifts off, which damps besides: at ten times as much by up to a fifth.
+    shake(*world, 0.1, 4.0);
     const Swing found = swing(*world, 0.0, 5);
     // Blows once a step see a spring stiffer by (w dt)^2 / 12, 0.8 %.
     EXPECT_NEAR(found.frequency, own / (2 * M_PI), 0.01 * own / (2 * M_PI));
-    // The dashpot acts within steps, in which the rate changes by up to zeta w dt, 16 %.
-    EXPECT_NEAR(found.damping, ratio, 0.1 * ratio);
+    // The dashpot acts within steps: to the first order in dt, 1.2 % here and 0.3 % at half the step.
+    EXPECT_NEAR(found.damping, ratio, 0.02 * ratio);
   }
 }
 

@@ -1,7 +1,13 @@
 #include <limits>
+#include <memory>
+#include <utility>
+#include <vector>
 
 #include <gtest/gtest.h>
 
+#include "allocation_count.hpp"
+#include "engine_scenes.hpp"
+#include "scene_shapes.hpp"
 #include "scenes.hpp"
 #include "vsr2/engines.hpp"
 
@@ -24,14 +30,45 @@ TEST(Scene, RefusesBodiesThatCannotBe) {
   refused([](RockSpec& r) { r.principal_inertia = {1, 1, 3}; });
   refused([](RockSpec& r) { r.principal_inertia = {0, 1, 1}; });
   refused([](RockSpec& r) { r.parts = {BoxPart{{1, 0, 1}, {}}}; });
-  refused([](RockSpec& r) { r.parts = {HullPart{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}}}; });
-  refused([&](RockSpec& r) { r.parts = {HullPart{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, nan}}}}; });
+  refused([](RockSpec& r) { r.parts = {HullPart({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}})}; });
+  refused([&](RockSpec& r) { r.parts = {HullPart({{0, 0, 0}, {1, 0, 0}, {0, 1, 0}, {0, 0, nan}})}; });
   refused([](RockSpec& r) { r.material["stiffness"] = 0; });
   refused([](RockSpec& r) { r.X_MB.orientation = Eigen::Quaterniond(2, 0, 0, 0); });
   refused([](RockSpec& r) {
     r.parts = {TrianglesPart{{{0, 0, 0}, {1, 0, 0}, {0, 1, 0}}, {{0, 1, 2}}}};
   });
   EXPECT_NO_THROW(Scene(EngineSettings{}, good_pedestal(), good_rock()));
+}
+
+TEST(Scene, ReducesTheHullOfAPartOnce) {
+  const std::vector<Eigen::Vector3d> points = test::ellipsoid().points();
+  RockSpec rock = testing::hull_scene()->rock();
+  EngineSettings engine;
+  const auto built = [&](const HullPart& part, double margin) {
+    rock.parts = {part};
+    engine.collision_margin = margin;
+    return std::make_shared<const Scene>(engine, good_pedestal(), rock);
+  };
+  const HullPart shared(points);
+  test::count_bullet_allocations();
+  const auto allocations = [](auto act) {
+    const long begin = test::allocation_count();
+    act();
+    return test::allocation_count() - begin;
+  };
+  const auto shape = [&] { HullPart(shared).reduction().shape(1e-3, "rock"); };
+  const long first = allocations(shape);
+  EXPECT_LT(allocations(shape), first / 10);
+  // Another margin, which the shape's box depends on, and back.
+  const auto again = built(shared, 1e-3);
+  for (const auto& [margin, kept] : {std::pair{1e-3, again}, {2e-3, built(shared, 2e-3)}}) {
+    const auto fresh = built(HullPart(points), margin);
+    EXPECT_EQ(kept->rock_hull_vertices(), fresh->rock_hull_vertices()) << margin;
+    btVector3 box[4];
+    kept->shapes().rock->getAabb(btTransform::getIdentity(), box[0], box[1]);
+    fresh->shapes().rock->getAabb(btTransform::getIdentity(), box[2], box[3]);
+    EXPECT_TRUE(box[0] == box[2] && box[1] == box[3]) << margin;
+  }
 }
 
 TEST(Scene, RefusesTrianglesOutOfRange) {

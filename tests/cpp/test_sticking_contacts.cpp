@@ -29,7 +29,12 @@ StickingProblem problem_of(const std::vector<Vector3d>& points, const Vector3d& 
   problem.angular = w;
   problem.linear = v;
   for (std::size_t i = 0; i < points.size(); ++i)
-    problem.contacts[i] = {points[i].x(), points[i].y(), points[i].z(), 0.0, kBounds, 1.0};
+    problem.contacts[i] = {.x = points[i].x(),
+                           .y = points[i].y(),
+                           .z = points[i].z(),
+                           .target = 0.0,
+                           .bounds = kBounds,
+                           .normal = 1.0};
   return problem;
 }
 

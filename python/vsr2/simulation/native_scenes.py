@@ -8,6 +8,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
 from typing import Any
+from weakref import WeakKeyDictionary
 
 import numpy as np
 
@@ -17,7 +18,7 @@ from vsr2.errors import Fault, SimulationError
 from vsr2.scene import Box, Hull, Scene, Triangles
 
 MAX_NATIVE_SCENES = 64
-"""Native scenes kept by this process; a scanned rock of 33,000 points takes 3 MB."""
+"""Native scenes kept by this process; those of one mesh share its points."""
 
 FAST_REFUSALS: Mapping[_native.FastRefusal, str] = {
     _native.FastRefusal.no_friction_cone: "its friction is no cone",
@@ -29,6 +30,9 @@ FAST_REFUSALS: Mapping[_native.FastRefusal, str] = {
 """Why `fast` does not take a scene."""
 
 _kept: OrderedDict[str, _native.Scene] = OrderedDict()
+_hulls: WeakKeyDictionary[Hull, _native.HullPart] = WeakKeyDictionary()
+# A part keeps the hull that Bullet makes of its points. Scenes that differ in mass or contact have the
+# same `Hull`, whose points nothing changes.
 _lock = threading.Lock()
 
 
@@ -111,7 +115,9 @@ def _native_parts(parts: Sequence[Hull | Box | Triangles]) -> list[Any]:
     for part in parts:
         match part:
             case Hull():
-                out.append(_native.HullPart(points=part.points))
+                if part not in _hulls:
+                    _hulls[part] = _native.HullPart(points=part.points)
+                out.append(_hulls[part])
             case Box():
                 out.append(_box(part))
             case Triangles():
