@@ -204,7 +204,7 @@ def find_causes(
     simulator = simulator_of(used, study, hypotheses, execution, seed)
     model, work = _modelled(used, simulator, folder, scenes, execution, seed)
     rng = np.random.default_rng([seed, MarginStream.ACTING])
-    posterior = sample_posterior(model, np.arange(len(used)), rng)
+    posterior = sample_posterior(model, np.arange(len(used)), rng, particles=SAMPLER.final)
     acting = acting_share(posterior.particles, model.names)
     likeliest = sorted(acting, key=lambda name: -acting[name])
     judged = judge_causes(

@@ -27,7 +27,9 @@ class SamplerConstants:
     """How the posterior is sampled; chosen by hand, judged by how equal seeds agree.
 
     Attributes:
-        particles: their number.
+        particles: their number, where scenes are chosen.
+        final: their number, where it is said what acts: shares of equal seeds then differ by some
+            0.03.
         rounds: of walk, flip, walk, swap at each power.
         effective: share of the particles that the next power leaves.
         halvings: by which it is found.
@@ -37,6 +39,7 @@ class SamplerConstants:
     """
 
     particles: int = 600
+    final: int = 3000
     rounds: int = 5
     effective: float = 0.5
     halvings: int = 30
