@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from vsr2.blind.custodian.pack_streams import PackStream
-from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream
+from vsr2.diagnosis.observed.random_streams import MarginStream, NoiseStream, Stream
 
 PACKAGE = Path(__file__).resolve().parents[2] / "python" / "vsr2"
 DISPLAY = ("report", "view")
@@ -149,6 +149,7 @@ def test_level_and_replicates_of_intervals_stand_once() -> None:
     [
         ("diagnosis", "observed/random_streams.py", Stream),
         ("diagnosis", "observed/random_streams.py", NoiseStream),
+        ("diagnosis", "observed/random_streams.py", MarginStream),
         ("blind/custodian", "pack_streams.py", PackStream),
     ],
 )

@@ -279,14 +279,14 @@ WORDED = {
 SHOWN_BY_NAME = {
     "BudgetState", "Drive", "EffectAxis", "EngineKind", "EngineName", "FastRefusal",
     "FeatureChannel", "GapState", "HandOver", "Kind", "LocationAxis", "Loss", "MeasurementKind",
-    "Objective", "Outcome", "Phase", "PredictedBy", "Scope", "Third",
+    "NotJudged", "Objective", "Outcome", "Phase", "PredictedBy", "Scope", "Third",
 }  # fmt: skip
 """Enumerations whose members are words of files and tables, or choose between sentences."""
 ELSEWHERE = {"Code", "FitNote", "NoBaselines", "Status"}
 """The base of all codes, and enumerations whose sentences other tests of this module check."""
 
-NEVER_SHOWN = {"NoiseStream", "PackStream", "Stream"}
-"""Numbers of random streams."""
+NEVER_SHOWN = {"MarginStream", "NoiseStream", "PackStream", "Stream", "_State"}
+"""Numbers of random streams, and what a search is at."""
 
 
 def test_every_enumeration_is_worded_or_shown_by_name() -> None:
