@@ -18,7 +18,7 @@ from vsr2.diagnosis.causes import FILES
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES
 from vsr2.diagnosis.margins.simulated_scenes import SCENES
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Request
+from vsr2.diagnosis.simulated.simulator import Request, Responses
 from vsr2.effects import library
 from vsr2.errors import DiagnosisError
 from vsr2.report.messages.found_causes import causes_text
@@ -134,6 +134,76 @@ def test_the_verb_writes_what_the_function_does(campaign, tmp_path, capsys) -> N
     assert {path.name for path in (tmp_path / "out").iterdir()} <= set(FILES)
 
 
+def shaken_by(monkeypatch, rule):
+    """Outcomes of a campaign by a rule on requests, without simulations."""
+
+    def run(self, requests):
+        ends = np.array([float(rule(one)) for one in requests])
+        return Responses(ends, np.where(ends > 0.5, np.pi, 0.1), None)
+
+    monkeypatch.setattr(SceneSimulator, "run", run)
+
+
+def far(request, threshold):
+    """Whether a motion overturns a rock that sharp edges make safe."""
+    gain, radius = (
+        dict(request.effects).get(name, (0.0,))[0] for name in ("table_gain", "edge_rounding")
+    )
+    return np.log1p(gain) + 20 * radius > threshold[request.trial]
+
+
+def searched(campaign, **asked):
+    return find_causes(
+        campaign, scene(), scenes=SCENES.least + 3, execution=Execution(threads=1),
+        hypotheses=replace(ASKED, **asked),
+    )  # fmt: skip
+
+
+def test_a_trial_that_always_fails_is_no_witness(campaign, monkeypatch) -> None:
+    threshold = np.random.default_rng(0).normal(0.1, 0.3, len(campaign))
+    shaken_by(monkeypatch, lambda one: np.nan if one.trial == 3 else far(one, threshold))
+    result = searched(campaign)
+    assert result.held_out["all"][3] == 0.5
+    assert all(np.isfinite(p).all() for p in result.held_out.values())
+    assert json.loads(result.to_json())["emulator"]["used"] == SCENES.least + 3
+
+
+def test_simulations_that_all_fail_are_refused(campaign, monkeypatch) -> None:
+    shaken_by(monkeypatch, lambda one: np.nan)
+    with pytest.raises(DiagnosisError, match="simulations fail; try the scene with"):
+        searched(campaign)
+
+
+@pytest.mark.parametrize("always", [True, False])
+def test_a_scene_in_which_nothing_matters_is_told(campaign, monkeypatch, always) -> None:
+    shaken_by(monkeypatch, lambda one: always)
+    result = searched(campaign)
+    assert json.loads(result.to_json())["emulator"]["error"] is None
+    assert "equal in all of them, and tell nothing" in causes_text(result)
+
+
+def test_scores_that_do_not_exist_are_null(campaign, monkeypatch) -> None:
+    threshold = np.full(len(campaign), 0.9)
+    shaken_by(monkeypatch, lambda one: far(one, threshold))
+    trials = [replace(t, overturned=i == 5) for i, t in enumerate(campaign.trials)]
+    result = searched(replace(campaign, trials=tuple(trials)))
+    assert (result.held_out["all"] < 0.5).all()
+    scores = json.loads(result.to_json())["held_out"]["scores"]
+    assert scores["precision"] == {"value": None, "ci95": None}
+    assert scores["log_loss"]["value"] > 0
+    assert "precision" in causes_text(result)
+
+
+def test_the_strength_of_the_motion_can_be_left_out(campaign, monkeypatch) -> None:
+    threshold = np.random.default_rng(0).normal(0.1, 0.3, len(campaign))
+    shaken_by(monkeypatch, lambda one: far(one, threshold))
+    result = searched(campaign, exclude=("table_gain",))
+    assert set(result.acting) == set(OFFERED) - {"table_gain"}
+    assert result.content["excluded"] == ["table_gain"]
+    assert result.content["motion_stronger_by"] == {"mean": 0.0, "interval": [0.0, 0.0]}
+    assert not any("table_gain" in name for name in result.held_out)
+
+
 def test_what_cannot_be_asked_is_refused_before_any_simulation(campaign) -> None:
     with pytest.raises(DiagnosisError, match=f"scenes is 3; give {SCENES.least} or more"):
         find_causes(campaign, scene(), scenes=3)
@@ -157,6 +227,9 @@ def test_what_cannot_be_asked_is_refused_before_any_simulation(campaign) -> None
         find_causes(mixed, scene())
     with pytest.raises(DiagnosisError, match="margins need the effect table_gain"):
         find_causes(campaign, scene(), hypotheses=Hypotheses(library={"wear": library()["wear"]}))
+    stronger = replace(ASKED, priors={"table_gain.change": (0.1, 0.4)})
+    with pytest.raises(DiagnosisError, match=r"prior of table_gain.change: .* exclude table_gain"):
+        find_causes(campaign, scene(), hypotheses=stronger)
     alone = Hypotheses(library={"table_gain": library()["table_gain"]})
     with pytest.raises(DiagnosisError, match="no effect is left"):
         find_causes(campaign, scene(), hypotheses=alone)

@@ -119,6 +119,19 @@ def test_a_simulation_that_fails_leaves_no_margin() -> None:
     assert np.isnan(found[0, 1])
 
 
+def test_where_nothing_is_known_the_search_begins_from_the_motion_as_it_is() -> None:
+    margins = np.array([[0.2, -0.4]])
+    first = []
+
+    def overturns(rows, logs):
+        first.append(logs.copy())
+        return (logs > margins.ravel()[rows]).astype(float)
+
+    found = search_margins(overturns, np.array([[np.nan, 0.25]]))
+    np.testing.assert_array_equal(first[0], [0.0, 0.25])
+    assert np.abs(found - margins).max() <= 0.5 * SEARCH.width + 1e-12
+
+
 # --- emulator -------------------------------------------------------------------------------------
 
 
@@ -178,6 +191,15 @@ def test_a_failed_margin_counts_as_the_mean(emulator) -> None:
     margins[4, 1] = np.nan
     assert np.isfinite(fit_emulator(features, margins)(features)[0]).all()
     assert EMULATOR.steps > 1
+
+
+def test_margins_that_are_equal_everywhere_have_no_error() -> None:
+    features = np.random.default_rng(5).uniform(-1, 1, (30, 2))
+    same = fit_emulator(features, np.ones((30, 3))).quality()
+    assert same["used"] == 30
+    assert same["spread"] is same["error"] is same["error_over_expected"] is None
+    varied = fit_emulator(features, quadratic(np.tile(features, 3))).quality()
+    assert 0 < varied["error"] < varied["spread"]
 
 
 # --- likelihood and sampler -----------------------------------------------------------------------
@@ -242,6 +264,22 @@ def test_a_stronger_motion_takes_its_logarithm_off_all_margins() -> None:
     assert model.log_strength(plain)[0] == 0
 
 
+def test_a_trial_without_a_margin_tells_nothing() -> None:
+    motions = ["a", "a", "b"]
+    given, rows = at(toy([True] * 3, motions).space, 0.3), np.arange(3)
+    found = {}
+    for outcome in (True, False):
+        model = toy([True, outcome, False], motions)
+        centre = np.where(rows == 1, np.nan, model.emulator.centre)
+        model = replace(model, emulator=replace(model.emulator, centre=centre))
+        found[outcome] = model.log_likelihood(given, rows)[0]
+        assert model.probability(given, rows)[1] == 0.5
+        rest = model.log_likelihood(given, np.array([0, 2]))[0]
+        assert found[outcome] == pytest.approx(rest + np.log(0.5), abs=1e-12)
+        posterior = sample_posterior(model, rows, np.random.default_rng(3), particles=30)
+        assert np.isfinite(posterior.log_evidence)
+
+
 def test_evidence_and_what_acts_are_those_of_a_sum_over_the_prior() -> None:
     """By plain Monte Carlo over the prior, which few parameters and outcomes allow."""
     outcomes = np.arange(8) < 1
@@ -267,6 +305,7 @@ def test_what_may_not_act_does_not() -> None:
     assert share["slenderness"] == 0
     assert share["table_gain"] == 0
     assert share["friction"] > 0
+    assert model.looked_for == ("friction",)
     none = replace(model, allowed=frozenset())
     particles = sample_posterior(none, np.arange(6), np.random.default_rng(11)).particles
     assert not particles.acts.any()

@@ -22,7 +22,12 @@ from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
 from vsr2.diagnosis.corrected import CORRECTED_FILE, scene_head, scene_with
-from vsr2.diagnosis.how_far.ensemble_losses import interval, resampled_means, share_of_gap
+from vsr2.diagnosis.how_far.ensemble_losses import (
+    LossInterval,
+    interval,
+    resampled_means,
+    share_of_gap,
+)
 from vsr2.diagnosis.margins.acting_posterior import SAMPLER, Posterior, sample_posterior
 from vsr2.diagnosis.margins.cause_space import CAUSES, GAIN, NOT_JUDGED, cause_space
 from vsr2.diagnosis.margins.held_out_causes import (
@@ -30,7 +35,7 @@ from vsr2.diagnosis.margins.held_out_causes import (
     HeldOutCauses,
     judge_causes,
 )
-from vsr2.diagnosis.margins.margin_emulator import EMULATOR, MarginEmulator
+from vsr2.diagnosis.margins.margin_emulator import EMULATOR
 from vsr2.diagnosis.margins.margin_search import SEARCH
 from vsr2.diagnosis.margins.outcome_model import (
     OUTCOME_MODEL,
@@ -199,6 +204,7 @@ def find_causes(
     used = given.with_motion()
     used = used.select(np.isfinite(used.overturned))
     _check(used, scenes, seed)
+    _check_priors(hypotheses)
     study = scene if isinstance(scene, Study) else load_study(scene)
     folder = None if out is None else made_folder(Path(out))
     simulator = simulator_of(used, study, hypotheses, execution, seed)
@@ -206,7 +212,7 @@ def find_causes(
     rng = np.random.default_rng([seed, MarginStream.ACTING])
     posterior = sample_posterior(model, np.arange(len(used)), rng, particles=SAMPLER.final)
     acting = acting_share(posterior.particles, model.names)
-    likeliest = sorted(acting, key=lambda name: -acting[name])
+    likeliest = sorted(model.looked_for, key=lambda name: -acting[name])
     judged = judge_causes(
         model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
         progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
@@ -221,7 +227,7 @@ def find_causes(
         "trials": len(used),
         "motions": len(set(used.motion_ids)),
         **_inferred(model, posterior, rows),
-        "emulator": _quality(model.emulator, scenes),
+        "emulator": {"scenes": scenes, **model.emulator.quality()},
         "held_out": _held_out(judged, used, seed),
         "corrected": stated,
         **_not_looked_for(simulator),
@@ -274,14 +280,16 @@ def _modelled(
     path = None if folder is None else folder / SIMULATIONS
     if execution.cache is not None:
         path = made_folder(execution.cache.folder) / SIMULATIONS
+    allowed = frozenset(space.names) if GAIN in simulator.excluded else None
     with SimulationCache(simulator, path, chunk=PREDICTION.chunk) as cache:
         found = simulate_scenes(
-            cache, space, overturned, motions, scenes, seed=seed,
+            cache, space, overturned, motions, scenes, allowed=allowed, seed=seed,
             progress=lambda share: _report(execution, Stage.MARGINS, share),
         )  # fmt: skip
         asked = cache.asked
     emulator = found.known().emulator(space)
-    model = OutcomeModel(space, emulator, overturned, motions, len(simulator.nuisance_names))
+    nuisances = len(simulator.nuisance_names)
+    model = OutcomeModel(space, emulator, overturned, motions, nuisances, allowed)
     return model, {"scenes": scenes, "simulations": asked}
 
 
@@ -299,6 +307,15 @@ def _check(used: Campaign, scenes: int, seed: int) -> None:
         raise DiagnosisError(
             f"campaign {used.name!r}: has one ground motion; causes are judged by other motions, "
             "so give two or more"
+        )
+
+
+def _check_priors(hypotheses: Hypotheses) -> None:
+    given = [key for key in hypotheses.priors if key.partition(".")[0] == GAIN]
+    if given:
+        raise DiagnosisError(
+            f"prior of {given[0]}: the strength of the motion has a prior of its own here; give "
+            f"none, or exclude {GAIN}"
         )
 
 
@@ -387,22 +404,6 @@ def _together(particles: Particles, names: Sequence[str]) -> list[dict[str, Any]
     ]
 
 
-def _quality(emulator: MarginEmulator, scenes: int) -> dict[str, Any]:
-    """How well the emulator knows a scene that it did not see."""
-    errors, expected = emulator.left_out()
-    varied = np.ptp(emulator.deviations, axis=0) > 0
-    return {
-        "scenes": scenes,
-        "used": len(errors),
-        "spread": float(emulator.deviations[:, varied].std()),
-        "error": float(np.sqrt((errors[:, varied] ** 2).mean())),
-        "error_over_expected": float(
-            np.sqrt(((errors[:, varied] / expected[:, None]) ** 2).mean())
-        ),
-        "noise": emulator.noise,
-    }
-
-
 def _held_out(judged: HeldOutCauses, used: Campaign, seed: int) -> dict[str, Any]:
     """Losses of motions that were not seen: the waterfall, shares, scores, and what is left."""
     motion = np.unique(np.asarray(used.motion_ids), return_inverse=True)[1]
@@ -439,7 +440,9 @@ def _held_out(judged: HeldOutCauses, used: Campaign, seed: int) -> dict[str, Any
 
 def _scores(probability: Array, used: Campaign, seed: int) -> dict[str, Any]:
     found = probability_intervals(used.overturned > 0, probability, used.motion_ids, seed=seed)
-    return {name: {"value": one.value, "ci95": [one.low, one.high]} for name, one in found.items()}
+    return {
+        name: LossInterval(one.value, one.low, one.high).to_json() for name, one in found.items()
+    }
 
 
 def _logistic(used: Campaign, seed: int) -> dict[str, Any] | None:

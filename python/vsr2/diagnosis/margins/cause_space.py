@@ -56,8 +56,8 @@ class CauseConstants:
     Attributes:
         acting: probability that an effect acts in a scene whose margins are sought: some six of
             25, so that each acts in a quarter of the scenes and meets each other one.
-        alone: probability that a parameter stays at its null where another of the effect is
-            farther from its own.
+        alone: share of a parameter's range, next to its null, in which it stays there where another
+            of the effect is farther from its own.
     """
 
     acting: float = 0.25

@@ -102,7 +102,7 @@ def judge_causes(
     scatter come from the other folds.
 
     Args:
-        model: in which all effects may act.
+        model: in which all effects that are looked for may act.
         causes: that are judged one by one.
         seed: of all draws; choices share it.
         progress: called with the share that is done.
@@ -117,4 +117,7 @@ def judge_causes(
         found[allowed] = held_out_probability(replace(model, allowed=allowed), seed)
         if progress is not None:
             progress((k + 1) / (len(choices) + 1))
-    return HeldOutCauses(tuple(causes), found, held_out_probability(model, seed), model.overturned)
+    everything = held_out_probability(model, seed)
+    if progress is not None:
+        progress(1.0)
+    return HeldOutCauses(tuple(causes), found, everything, model.overturned)

@@ -53,7 +53,7 @@ class MarginEmulator:
         noise: standard deviation of a margin that features do not tell: chaos and interactions of
             more than two effects.
         scenes: weighted features of the scenes, shape (scenes, features).
-        centre: mean margin of each trial, shape (trials,).
+        centre: mean margin of each trial, NaN where all its simulations failed, shape (trials,).
         inverse: of the scenes' covariance, shape (scenes, scenes).
         deviations: of the scenes' margins from the centre, shape (scenes, trials).
     """
@@ -74,7 +74,8 @@ class MarginEmulator:
             features: of scenes, shape (n, features).
 
         Returns:
-            Means, shape (n, trials), and variances, equal for all trials, shape (n,).
+            Means, NaN of trials without a margin in any scene, shape (n, trials), and variances,
+            equal for all trials, shape (n,).
         """
         weighted = features * self.weights
         crossed = self._kernel(weighted @ self.scenes.T)
@@ -91,6 +92,24 @@ class MarginEmulator:
         diagonal = np.diag(self.inverse)
         return (self.inverse @ self.deviations) / diagonal[:, None], 1 / np.sqrt(diagonal)
 
+    def quality(self) -> dict[str, float | None]:
+        """How well it knows a scene that it did not see, over trials whose margins differ.
+
+        None where no trial's do.
+        """
+        errors, expected = self.left_out()
+        varied = np.ptp(self.deviations, axis=0) > 0
+        found: dict[str, float | None] = {"used": len(errors)}
+        found |= dict.fromkeys(("spread", "error", "error_over_expected"))
+        if varied.any():
+            errors = errors[:, varied]
+            found["spread"] = float(self.deviations[:, varied].std())
+            found["error"] = float(np.sqrt((errors**2).mean()))
+            found["error_over_expected"] = float(
+                np.sqrt(((errors / expected[:, None]) ** 2).mean())
+            )
+        return found | {"noise": self.noise}
+
     def _kernel(self, products: Array) -> Array:
         return np.asarray(self.constant**2 + products + self.product * products**2)
 
@@ -104,7 +123,8 @@ def fit_emulator(features: Array, margins: Array) -> MarginEmulator:
     """
     from scipy.optimize import minimize
 
-    centre = np.nanmean(margins, axis=0)
+    known = np.isfinite(margins).sum(axis=0)
+    centre = np.where(known > 0, np.nansum(margins, axis=0) / np.maximum(known, 1), np.nan)
     deviations = np.nan_to_num(margins - centre)
     # Trials that always stand tell nothing of weights; all of them would call the rest noise.
     varied = deviations[:, np.ptp(deviations, axis=0) > 0]

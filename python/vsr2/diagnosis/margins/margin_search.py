@@ -55,7 +55,7 @@ def search_margins(overturns: Overturns, guess: Array) -> Array:
 
     Args:
         overturns: simulates what is asked.
-        guess: where the search begins.
+        guess: where the search begins; NaN: from the motion as it is.
 
     Returns:
         NaN where a simulation failed.
@@ -63,7 +63,7 @@ def search_margins(overturns: Overturns, guess: Array) -> Array:
     reach, width = SEARCH.reach, SEARCH.width
     shape, guesses = guess.shape, guess.ravel()
     # On a grid of widths, so that later scenes ask for factors that earlier ones asked for.
-    at = np.clip(np.round(guesses / width) * width, -reach, reach)
+    at = np.clip(np.round(np.nan_to_num(guesses) / width) * width, -reach, reach)
     low, high = np.full(at.size, -np.inf), np.full(at.size, np.inf)
     step = np.full(at.size, SEARCH.step)
     state = np.full(at.size, _State.OPEN)
@@ -99,7 +99,7 @@ def scene_margins(
     Args:
         cache: of simulations.
         scenes: number of the draw of the nuisances, above 0, and the effects of each.
-        guess: of each trial, shape (scenes, trials).
+        guess: of each trial, NaN where nothing is known, shape (scenes, trials).
         progress: called with the share that is done.
     """
     trials = guess.shape[1]

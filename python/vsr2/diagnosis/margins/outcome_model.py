@@ -115,6 +115,11 @@ class OutcomeModel:
         may = [self.allowed is None or name in self.allowed for name in self.names]
         return np.where(may, chance, 0.0)
 
+    @property
+    def looked_for(self) -> tuple[str, ...]:
+        """Names of all that may act here."""
+        return tuple(name for name, p in zip(self.names, self.prior, strict=True) if p > 0)
+
     def draw(self, count: int, rng: np.random.Generator) -> Particles:
         """Particles of the prior."""
         return Particles(
@@ -145,7 +150,10 @@ class OutcomeModel:
         return OUTCOME_MODEL.motion * factor[:, 0], OUTCOME_MODEL.trial * factor[:, 1]
 
     def log_likelihood(self, given: Particles, rows: NDArray[np.int64]) -> Array:
-        """Of the outcomes of some trials, shape (n,)."""
+        """Of the outcomes of some trials, shape (n,).
+
+        Those without a margin in any scene are as likely as not.
+        """
         from scipy.special import logsumexp, ndtr
 
         mean, variance = self.margins(given)
@@ -155,21 +163,24 @@ class OutcomeModel:
         sign = np.where(self.overturned[rows], 1.0, -1.0)
         deviation = (reach[:, :, None] - mean[:, None, rows]) / by_trial[:, None, None]
         chance = (1 - MARGIN.lapse) * ndtr(sign * deviation) + 0.5 * MARGIN.lapse
-        logs = np.log(chance)
+        logs = np.log(np.nan_to_num(chance, copy=False, nan=0.5))
         order, starts = self._by_motion(rows)
         together = np.add.reduceat(logs[:, :, order], starts, axis=2)
         mixed = logsumexp(together + np.log(weights / weights.sum())[:, None], axis=1)
         return np.asarray(mixed.sum(axis=1))
 
     def probability(self, given: Particles, rows: NDArray[np.int64]) -> Array:
-        """Of overturning in trials of motions that were not seen, shape (rows,)."""
+        """Of overturning in trials of motions that were not seen, shape (rows,).
+
+        It is 1/2 where no scene has a margin.
+        """
         from scipy.special import ndtr
 
         mean, variance = self.margins(given)
         by_motion, by_trial = self.scatter(given)
         reach = np.sqrt(by_motion**2 + by_trial**2 + variance)[:, None]
         chance = ndtr(-mean[:, rows] / reach).mean(axis=0)
-        return np.asarray((1 - MARGIN.lapse) * chance + 0.5 * MARGIN.lapse)
+        return np.nan_to_num((1 - MARGIN.lapse) * chance + 0.5 * MARGIN.lapse, nan=0.5)
 
     def _by_motion(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Order of some trials by motion, and where each motion starts."""

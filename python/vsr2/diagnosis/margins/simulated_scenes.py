@@ -16,6 +16,7 @@ from vsr2.diagnosis.margins.margin_search import SEARCH, scene_margins
 from vsr2.diagnosis.margins.outcome_model import OutcomeModel, emulated_nuisances
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.errors import DiagnosisError
 
 Array = NDArray[np.float64]
 
@@ -80,7 +81,16 @@ class SimulatedScenes:
         )
 
     def emulator(self, space: CauseSpace) -> MarginEmulator:
-        """Fitted to all of them."""
+        """Fitted to all of them.
+
+        Raises:
+            DiagnosisError: there is none.
+        """
+        if not len(self):
+            raise DiagnosisError(
+                "no scene has margins of half of the trials: simulations fail; try the scene with "
+                "`vsr2 campaign simulate`"
+            )
         features = space.features(self.points, self.acts)
         return fit_emulator(np.hstack([features, emulated_nuisances(self.nuisances)]), self.margins)
 
@@ -92,6 +102,7 @@ def simulate_scenes(
     motions: NDArray[np.str_],
     count: int,
     *,
+    allowed: frozenset[str] | None = None,
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> SimulatedScenes:
@@ -107,8 +118,12 @@ def simulate_scenes(
         overturned: outcome of each trial, shape (trials,).
         motions: ground motion of each trial, shape (trials,).
         count: of scenes.
+        allowed: as of :class:`OutcomeModel`.
         seed: of all draws.
         progress: called with the share of the scenes that is done.
+
+    Raises:
+        DiagnosisError: simulations fail in all scenes.
     """
     ends = SCENES.ends(count)
     pilot = min(SEARCH.pilot, ends[0])
@@ -117,16 +132,18 @@ def simulate_scenes(
     points = np.stack([point for point, _ in first])
     acts = np.stack([acting for _, acting in first])
     found = done.run(points[:pilot], acts[:pilot], np.zeros((pilot, overturned.size)))
-    guess = np.nanmedian(found.margins, axis=0)
+    guess = _median(found.margins)
     rest = ends[0] - pilot
     if rest:
         found = found.joined(done.run(points[pilot:], acts[pilot:], np.tile(guess, (rest, 1))))
     for start, stop in pairwise(ends):
         rng = np.random.default_rng([seed, MarginStream.ROUNDS, start])
         emulator = found.known().emulator(space)
-        model = OutcomeModel(space, emulator, overturned, motions, found.nuisances.shape[1])
+        nuisances = found.nuisances.shape[1]
+        model = OutcomeModel(space, emulator, overturned, motions, nuisances, allowed)
         drawn = sample_posterior(model, np.arange(overturned.size), rng).particles
-        drawn = drawn.taken(rng.choice(len(drawn), stop - start, replace=False))
+        few = stop - start > len(drawn)
+        drawn = drawn.taken(rng.choice(len(drawn), stop - start, replace=few))
         expected = model.emulator(
             np.hstack(
                 [
@@ -137,6 +154,14 @@ def simulate_scenes(
         )[0]
         found = found.joined(done.run(drawn.points, drawn.acts[:, :-1], expected))
     return found
+
+
+def _median(margins: Array) -> Array:
+    """Over scenes, NaN where all simulations of a trial failed, shape (trials,)."""
+    known = np.isfinite(margins).any(axis=0)
+    out = np.full(known.size, np.nan)
+    out[known] = np.nanmedian(margins[:, known], axis=0)
+    return out
 
 
 @dataclass
@@ -163,5 +188,6 @@ class _Simulating:
                 self.progress((start + share * count) / self.total)
 
         margins = scene_margins(self.cache, scenes, guess, progress=report)
+        report(1.0)
         self.done += count
         return SimulatedScenes(points, acts, self.nuisances(start, self.done), margins)

@@ -44,9 +44,11 @@ def _causes(content: Mapping[str, Any]) -> str:
     named = ", ".join(content["named"])
     head = f"named: {named}" if named else "no effect is named: none acts with enough certainty"
     quality = content["emulator"]
-    knows = (
-        f"margins of {counted(quality['used'], 'scene')}; those of a scene left out are "
-        f"predicted to {quality['error']:.3f}, where they spread by {quality['spread']:.3f}"
+    knows = f"margins of {counted(quality['used'], 'scene')}; " + (
+        "they are equal in all of them, and tell nothing"
+        if quality["error"] is None
+        else f"those of a scene left out are predicted to {quality['error']:.3f}, "
+        f"where they spread by {quality['spread']:.3f}"
     )
     return f"{head}\n{knows}\n\n{table(rows, str.ljust)}"
 
