@@ -18,6 +18,7 @@ from pathlib import Path
 
 from vsr2.diagnosis import Execution, Hypotheses, find_causes
 from vsr2.diagnosis.causes import CAUSES_FILE, TABLE_FILE
+from vsr2.diagnosis.margins.simulated_scenes import SCENES
 from vsr2.report.messages.found_causes import causes_text
 from vsr2.report.messages.progress_lines import ProgressLines
 
@@ -30,7 +31,7 @@ def main() -> None:
     parser.add_argument("--campaign", type=Path, default=HERE.parent / "out" / "lab")
     parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
     parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "lab_several_causes")
-    parser.add_argument("--scenes", type=int, default=112)
+    parser.add_argument("--scenes", type=int, default=SCENES.usual)
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()

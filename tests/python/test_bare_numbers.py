@@ -23,7 +23,6 @@ UNTUNED: dict[str, set[str]] = {
         "blind/custodian/pack_making.py:FORM", "blind/form/seal.py:SALT_BYTES",
         "blind/form/seal.py:_MADE", "diagnosis/corrected.py:DIGITS",
         "diagnosis/posterior/files.py:FORMAT", "diagnosis/simulated/cache.py:KEY",
-        "diagnosis/causes.py:VERSION",
         "motion/peer.py:_HEADER_LINES", "motion/recording.py:_LABORATORY_COLUMNS",
         "results/result_folder.py:FORMAT_VERSION", "config/ros2_notes.py:_RECORD_INTERVAL",
     },

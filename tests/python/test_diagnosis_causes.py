@@ -14,7 +14,7 @@ from planted import shaken_campaign
 from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import load_study, study_from_mapping
 from vsr2.diagnosis import Execution, Hypotheses, find_causes
-from vsr2.diagnosis.causes import FILES
+from vsr2.diagnosis.causes import CAUSES_SCHEMA, FILES
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES
 from vsr2.diagnosis.margins.simulated_scenes import SCENES
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
@@ -30,9 +30,9 @@ BOX = {
     "motion": {"mode": "all_recordings", "folder": "."},
     "outcome": {"tail": 1.0},
 }
-OFFERED = {name: library()[name] for name in ("table_gain", "edge_rounding", "friction_rate")}
+OFFERED = {name: library()[name] for name in ("table_gain", "table_bandwidth", "friction_rate")}
 ASKED = Hypotheses(library=OFFERED, contact_family=())
-PLANTED = {"edge_rounding": (0.012,)}
+PLANTED = {"table_bandwidth": (3.5, 0.0)}
 
 
 def scene():
@@ -50,8 +50,8 @@ def few_particles():
 
 @pytest.fixture(scope="module")
 def campaign() -> Campaign:
-    """Outcomes of a block with rounded edges, under draws that no search has."""
-    shaken = shaken_campaign(8, 4, duration=1.0, pga_g=(0.5, 1.1), session_size=8)
+    """Outcomes on a slow table, under draws that no search has."""
+    shaken = shaken_campaign(8, 4, duration=1.0, pga_g=(0.7, 1.6), session_size=8)
     truth = SceneSimulator(shaken, scene(), hypotheses=ASKED, seed=77)
     acting = tuple(PLANTED.items())
     ends = truth.run([Request(i, acting, 3, 1) for i in range(len(shaken))]).overturned
@@ -74,18 +74,29 @@ def test_the_planted_cause_leads_and_its_size_is_held(campaign, found) -> None:
     assert 0.2 < np.mean(campaign.overturned) < 0.8
     acting = result.acting
     assert set(acting) == set(OFFERED)
-    # A rounded edge, or a stronger motion: 32 outcomes tell them hardly apart, but from friction.
-    assert acting["edge_rounding"] > acting["friction_rate"]
-    assert max(acting["edge_rounding"], acting["table_gain"]) > 0.5
-    rounding = {row["name"]: row for row in result.content["causes"]}["edge_rounding"]
-    low, high = rounding["parameters"]["radius"]["interval"]
-    assert low < 0.012 < high
-    assert rounding["parameters"]["radius"]["unit"] == "m"
+    # One expects one and a half of three: what 32 outcomes tell nothing of keeps its prior.
+    assert acting["friction_rate"] == pytest.approx(0.5, abs=0.1)
+    assert acting["table_bandwidth"] > 0.75
+    slow = {row["name"]: row for row in result.content["causes"]}["table_bandwidth"]
+    low, high = slow["parameters"]["corner"]["interval"]
+    assert low < 3.5 < high
+    assert slow["parameters"]["corner"]["unit"] == "Hz"
     sets = result.content["together"]
     assert sum(one["probability"] for one in sets) == pytest.approx(1.0)
     waterfall = result.content["held_out"]["waterfall"]
     assert len(waterfall) == 4
-    assert "edge_rounding" in causes_text(result)
+    assert "table_bandwidth" in causes_text(result)
+
+
+def test_every_key_is_explained(found) -> None:
+    page = (Path(__file__).parents[2] / "docs" / "reference" / "outputs.md").read_text()
+    content = json.loads(found[0].to_json())
+    assert content["schema"] == CAUSES_SCHEMA
+    for part in (content, content["emulator"], content["held_out"], content["causes"][0]):
+        lacking = [key for key in part if f"`{key}`" not in page]
+        assert lacking == []
+    for key in ("scene", "scene_effects", "priors", "seed", "constants", "simulations"):
+        assert key in content["provenance"]
 
 
 def test_threads_and_what_is_there_change_no_byte(campaign, found, tmp_path) -> None:
@@ -147,7 +158,7 @@ def shaken_by(monkeypatch, rule):
 def far(request, threshold):
     """Whether a motion overturns a rock that sharp edges make safe."""
     gain, radius = (
-        dict(request.effects).get(name, (0.0,))[0] for name in ("table_gain", "edge_rounding")
+        dict(request.effects).get(name, (0.0,))[0] for name in ("table_gain", "table_bandwidth")
     )
     return np.log1p(gain) + 20 * radius > threshold[request.trial]
 

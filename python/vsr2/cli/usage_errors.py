@@ -31,11 +31,11 @@ def usage_error(error: CycloptsError, command: str) -> str:
         return f"--html is --out: `{command} ... --out FILE.html`"
     said = None
     if isinstance(error, MissingArgumentError):
-        said = _missing(error)
+        said = _unnamed(error, command) or _missing(error)
     elif isinstance(error, ValidationError):
         said = _excluding(error)
     elif isinstance(error, UnusedCliTokensError):
-        said = _too_many(error, command)
+        said = _unnamed(error, command) or _too_many(error, command)
     elif isinstance(error, CoercionError):
         said = _no_value(error)
     return said or str(error)
@@ -64,16 +64,22 @@ def _excluding(error: ValidationError) -> str | None:
     return f"{found[1].replace(', ', ' and ')} exclude each other; give one of them"
 
 
-def _too_many(error: UnusedCliTokensError, command: str) -> str | None:
-    """Words that nothing takes; a place for what is written lacks its name."""
+def _unnamed(error: CycloptsError, command: str) -> str | None:
+    """A word that nothing takes, where the place for what is written lacks its name."""
     words = error.unused_tokens or []
-    if not words or error.app is None:
+    if not words or words[-1].startswith("-") or error.app is None:
         return None
     writes = any(one.name == "--out" for one in error.app.assemble_argument_collection())
     named = any(one.partition("=")[0] == "--out" for one in error.root_input_tokens or ())
-    if words[-1].startswith("-") or named or not writes:
-        return f"{' '.join(words)} is too much; `{command}` takes no such argument"
+    if named or not writes:
+        return None
     return f"what is written is named by --out: `{command} ... --out {words[-1]}`"
+
+
+def _too_many(error: UnusedCliTokensError, command: str) -> str | None:
+    """Words that nothing takes."""
+    words = error.unused_tokens or []
+    return f"{' '.join(words)} is too much; `{command}` takes no such argument" if words else None
 
 
 def _no_value(error: CoercionError) -> str | None:

@@ -247,13 +247,13 @@ class Attributing:
 
     Attributes:
         out: folder for tables, the corrected scene and simulations (default: nothing is written)
-        scenes: whose margins are sought
+        scenes: whose margins are sought (default: 112)
         seed: of all draws
         cache: folder of simulations that other searches of the campaign share
     """
 
     out: Path | None = None
-    scenes: opt.Integer = 112
+    scenes: opt.Integer | None = None
     exclude: opt.Excluded = ()
     prior: opt.Priors = ()
     nuisance: opt.Nuisances = ()

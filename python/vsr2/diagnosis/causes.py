@@ -63,8 +63,8 @@ CAUSES_FILE = "causes.json"
 TABLE_FILE = "causes.csv"
 PROBABILITIES_FILE = "held_out.csv"
 FILES = (CAUSES_FILE, TABLE_FILE, PROBABILITIES_FILE, CORRECTED_FILE, SIMULATIONS)
-VERSION = 1
-"""Of causes.json."""
+CAUSES_SCHEMA = "vsr2.causes/1"
+"""Form of causes.json."""
 
 
 @dataclass(frozen=True)
@@ -167,7 +167,7 @@ def find_causes(
     scene: Study | str | PathLike[str],
     *,
     out: str | PathLike[str] | None = None,
-    scenes: int = 112,
+    scenes: int | None = None,
     hypotheses: Hypotheses = HYPOTHESES,
     execution: Execution = EXECUTION,
     seed: int = 0,
@@ -185,7 +185,8 @@ def find_causes(
         scene: the study of the scene, its effects included, or its file. Its motions are not used.
         out: folder for tables, the corrected scene and simulations, which later runs reuse; None:
             nothing is written.
-        scenes: whose margins are sought, each by three to six simulations of a trial.
+        scenes: whose margins are sought, each by three to six simulations of a trial; None: as
+            many as usual (`SceneConstants`).
         hypotheses: effects, priors and nuisances; at most how many act is not asked.
         execution: threads or a cluster, who gets progress, and a cache that a diagnosis shares.
         seed: of all draws.
@@ -203,12 +204,13 @@ def find_causes(
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     used = given.with_motion()
     used = used.select(np.isfinite(used.overturned))
-    _check(used, scenes, seed)
+    count = SCENES.usual if scenes is None else scenes
+    _check(used, count, seed)
     _check_priors(hypotheses)
     study = scene if isinstance(scene, Study) else load_study(scene)
     folder = None if out is None else made_folder(Path(out))
     simulator = simulator_of(used, study, hypotheses, execution, seed)
-    model, work = _modelled(used, simulator, folder, scenes, execution, seed)
+    model, work = _modelled(used, simulator, folder, count, execution, seed)
     rng = np.random.default_rng([seed, MarginStream.ACTING])
     posterior = sample_posterior(model, np.arange(len(used)), rng, particles=SAMPLER.final)
     acting = acting_share(posterior.particles, model.names)
@@ -219,19 +221,18 @@ def find_causes(
     )  # fmt: skip
     rows = [_cause(model, posterior.particles, name, acting[name]) for name in likeliest]
     corrected, stated = _corrected(study, rows)
-    provenance = {"seed": seed, "left_out": len(given) - len(used), **work}
+    work |= {"seed": seed, "left_out": len(given) - len(used)}
     content = {
-        "format": "vsr2 causes",
-        "version": VERSION,
+        "schema": CAUSES_SCHEMA,
         "campaign": used.name,
         "trials": len(used),
         "motions": len(set(used.motion_ids)),
         **_inferred(model, posterior, rows),
-        "emulator": {"scenes": scenes, **model.emulator.quality()},
+        "emulator": {"scenes": count, **model.emulator.quality()},
         "held_out": _held_out(judged, used, seed),
         "corrected": stated,
         **_not_looked_for(simulator),
-        "provenance": base_provenance() | provenance | _rested_on(simulator),
+        "provenance": base_provenance() | work | _rested_on(study, hypotheses, simulator),
     }
     held_out = {_label(allowed): p for allowed, p in judged.probability.items()}
     trials = tuple(trial.trial for trial in used.trials)
@@ -245,12 +246,15 @@ def _not_looked_for(simulator: SceneSimulator) -> dict[str, Any]:
     return {
         "not_judged": dict(NOT_JUDGED),
         "excluded": list(simulator.excluded),
-        "unavailable": {name: str(error) for name, error in simulator.unavailable.items()},
+        "unavailable": {name: str(error.fault) for name, error in simulator.unavailable.items()},
     }
 
 
-def _rested_on(simulator: SceneSimulator) -> dict[str, Any]:
+def _rested_on(study: Study, hypotheses: Hypotheses, simulator: SceneSimulator) -> dict[str, Any]:
     return {
+        "scene": study.name,
+        "scene_effects": study.effects,
+        "priors": hypotheses.ends,
         "simulator": simulator.identity,
         "nuisances": [one.to_json() for one in simulator.nuisances],
         "constants": causes_constants(),
@@ -471,7 +475,7 @@ def _corrected(
     try:
         return scene_with(study, added), added
     except ConfigError:
-        return None, added
+        return None, {}
 
 
 def causes_constants() -> dict[str, dict[str, Any]]:

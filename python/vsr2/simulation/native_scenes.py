@@ -31,8 +31,8 @@ FAST_REFUSALS: Mapping[_native.FastRefusal, str] = {
 
 _kept: OrderedDict[str, _native.Scene] = OrderedDict()
 _hulls: WeakKeyDictionary[Hull, _native.HullPart] = WeakKeyDictionary()
-# A part keeps the hull that Bullet makes of its points. Scenes that differ in mass or contact have the
-# same `Hull`, whose points nothing changes.
+# A part keeps the hull that Bullet makes of its points. Scenes that differ in mass or contact have
+# the same `Hull`, whose points nothing changes.
 _lock = threading.Lock()
 
 

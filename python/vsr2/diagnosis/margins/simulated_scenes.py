@@ -26,11 +26,14 @@ class SceneConstants:
     """How scenes are chosen; chosen by hand.
 
     Attributes:
+        usual: number of scenes where none is asked for: on the campaign of a scanned specimen the
+            error near the posterior is then that of chaos (docs/validation/laboratory.md).
         prior: share of the scenes that come from the prior: four rounds' worth of seven.
         rounds: in which the others come from the posterior of the time.
         least: scenes that an emulator needs.
     """
 
+    usual: int = 112
     prior: float = 4 / 7
     rounds: int = 3
     least: int = 24
