@@ -14,7 +14,7 @@ from planted import shaken_campaign
 from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import load_study, study_from_mapping
 from vsr2.diagnosis import Execution, Hypotheses, find_causes
-from vsr2.diagnosis.causes import CAUSES_SCHEMA, FILES
+from vsr2.diagnosis.causes import CAUSES_SCHEMA, FILES, _sizes
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES
 from vsr2.diagnosis.margins.simulated_scenes import SCENES
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
@@ -143,6 +143,32 @@ def test_the_verb_writes_what_the_function_does(campaign, tmp_path, capsys) -> N
     assert {row["name"] for row in content["causes"]} == set(OFFERED)
     assert content == json.loads((tmp_path / "out" / "causes.json").read_text())
     assert {path.name for path in (tmp_path / "out").iterdir()} <= set(FILES)
+
+
+def test_sizes_of_angles_and_of_what_may_be_off() -> None:
+    """As a diagnosis gives them: angles about their direction, infinite nulls by their inverse."""
+    corner = _sizes(library()["input_filter"].parameters[0], np.array([10.0, 30.0, np.inf]))
+    assert corner["mean"] == pytest.approx(3 / (1 / 10 + 1 / 30))
+    assert corner["interval"] == [10.0, None]
+    off = _sizes(library()["input_filter"].parameters[0], np.full(3, np.inf))
+    assert off == {"mean": None, "interval": [None, None]}
+    azimuth = library()["com_offset"].parameters[1]
+    around = _sizes(azimuth, np.array([300.0, 310.0, 320.0, 5.0, 355.0]))
+    assert 0 <= around["mean"] < 360
+    assert around["interval"][0] < 302
+    assert 360 < around["interval"][1] < 366
+
+
+def test_results_go_into_a_new_folder_or_none(found, tmp_path) -> None:
+    result, folder = found
+    paths = result.save(tmp_path / "new" / "folder")
+    assert {path.name for path in paths} <= set(FILES)
+    assert (tmp_path / "new/folder/causes.json").read_bytes() == (
+        folder / "causes.json"
+    ).read_bytes()
+    (tmp_path / "file").touch()
+    with pytest.raises(DiagnosisError, match="cannot be used"):
+        result.save(tmp_path / "file")
 
 
 def shaken_by(monkeypatch, rule):

@@ -62,6 +62,21 @@ def rows_on(space, name):
     return np.array([other == name for other in space.names])
 
 
+@pytest.mark.parametrize("ends", [None, (0.0, 360.0), (-90.0, 270.0)])
+def test_a_primary_angle_is_told_by_where_it_points(ends) -> None:
+    effect = library()["registration"]
+    if ends is not None:
+        effect = effect.with_prior("yaw", *ends)
+    space = cause_space({"registration": effect})
+    points = space.draw(200, np.random.default_rng(14))
+    points[:, 1] = 0  # So that the yaw is the farthest from its null.
+    features = space.features(points, np.ones((200, 1), dtype=bool))
+    yaw = np.radians([space.values("registration", point)[0] for point in points])
+    columns = [space.feature_names.index(f"registration.yaw.{part}") for part in ("cos", "sin")]
+    told = np.stack([np.cos(yaw) - 1, np.sin(yaw)], axis=1)
+    np.testing.assert_allclose(features[:, columns], told, atol=1e-8)
+
+
 def test_every_effect_moves_features_of_its_own_alone() -> None:
     space = cause_space(library())
     points = space.draw(30, np.random.default_rng(2))

@@ -14,7 +14,7 @@ from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.posterior.naming import NamingLimits, candidates, decide
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
 from vsr2.diagnosis.simulated.library import free_parameters
-from vsr2.diagnosis.verdict.compose import _estimate, _unrolled, shown
+from vsr2.diagnosis.verdict.compose import _estimate, unrolled, shown
 from vsr2.diagnosis.verdict.limits import (
     LIMITS,
     beyond_tolerance,
@@ -283,17 +283,17 @@ def test_doubts_about_what_is_named_are_stated() -> None:
 
 def test_angles_are_averaged_as_directions() -> None:
     np.testing.assert_allclose(
-        _unrolled(np.array([350.0, 10.0, 10.0, 30.0]), 0.0, 360.0), [-10, 10, 10, 30], atol=1e-9
+        unrolled(np.array([350.0, 10.0, 10.0, 30.0]), 0.0, 360.0), [-10, 10, 10, 30], atol=1e-9
     )
     # About a mean within the prior: -10, not 350; and 175 beside the ends.
     np.testing.assert_allclose(
-        _unrolled(np.array([-40.0, -10.0, 20.0]), -180.0, 180.0), [-40, -10, 20], atol=1e-9
+        unrolled(np.array([-40.0, -10.0, 20.0]), -180.0, 180.0), [-40, -10, 20], atol=1e-9
     )
     np.testing.assert_allclose(
-        _unrolled(np.array([160.0, 175.0, -170.0]), -180.0, 180.0), [160, 175, 190], atol=1e-9
+        unrolled(np.array([160.0, 175.0, -170.0]), -180.0, 180.0), [160, 175, 190], atol=1e-9
     )
     # Beyond half a turn: about a mean of 300 degrees, 60 lies at 420.
-    found = _unrolled(np.array([*[290.0, 310.0] * 1000, 60.0]), 0.0, 360.0)
+    found = unrolled(np.array([*[290.0, 310.0] * 1000, 60.0]), 0.0, 360.0)
     np.testing.assert_allclose(found[[0, 1, -1]], [290, 310, 420], atol=1e-6)
 
 

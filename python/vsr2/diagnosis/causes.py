@@ -50,9 +50,10 @@ from vsr2.diagnosis.prediction import PREDICTION, prediction_constants
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.library import free_parameters, is_angle, turn_of
+from vsr2.diagnosis.simulated.library import free_parameters, is_angle
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
+from vsr2.diagnosis.verdict.compose import unrolled
 from vsr2.effects import Parameter
 from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
 from vsr2.results import base_provenance
@@ -146,9 +147,10 @@ class Causes:
         """Write causes.json, the tables and corrected.yaml; an earlier scene is removed.
 
         Raises:
+            DiagnosisError: the folder cannot be used.
             ResultError: a file cannot be written.
         """
-        path = Path(folder)
+        path = made_folder(Path(folder))
         texts = {CAUSES_FILE: self.to_json()} | self.tables()
         (path / CORRECTED_FILE).unlink(missing_ok=True)
         if self.corrected is not None:
@@ -359,9 +361,7 @@ def _cause(model: OutcomeModel, particles: Particles, name: str, acts: float) ->
     parameters: dict[str, Any] = {}
     if len(own):
         for parameter, values in _values(model, own, name):
-            parameters[parameter.name] = {"unit": parameter.unit} | (
-                _direction(parameter, values) if is_angle(parameter) else _endless(values)
-            )
+            parameters[parameter.name] = {"unit": parameter.unit} | _sizes(parameter, values)
     return {"name": name, "acts": acts, "parameters": parameters}
 
 
@@ -375,24 +375,21 @@ def _values(model: OutcomeModel, own: Particles, name: str) -> list[tuple[Parame
     return [(p, rows[:, names.index(p.name)]) for p in free_parameters(effect)]
 
 
-def _endless(values: Array) -> dict[str, Any]:
-    """Mean and interval; None for what is infinite, such as the corner of a filter that is off."""
-    finite = values[np.isfinite(values)]
+def _sizes(parameter: Parameter, values: Array) -> dict[str, Any]:
+    """Mean and interval, of an angle about its direction; an infinite null is taken as its inverse.
+
+    None for what is infinite, such as the corner of a filter that is off.
+    """
+    if is_angle(parameter):
+        return _summary(unrolled(values, parameter.lower, parameter.upper))
+    if not math.isinf(parameter.null):
+        return _summary(values)
+    inverse = float((1 / values).mean())
     low, high = np.quantile(values, FOUND_CAUSES.interval, method="nearest")
     return {
-        "mean": float(finite.mean()) if finite.size else None,
+        "mean": 1 / inverse if inverse > 0 else None,
         "interval": [float(end) if math.isfinite(end) else None for end in (low, high)],
     }
-
-
-def _direction(parameter: Parameter, values: Array) -> dict[str, Any]:
-    """Mean direction, and the interval about it."""
-    turn = turn_of(parameter)
-    circle = np.exp(2j * np.pi * values / turn)
-    mean = float(np.angle(circle.mean()) / (2 * np.pi) * turn)
-    off = (values - mean + turn / 2) % turn - turn / 2
-    low, high = np.quantile(off, FOUND_CAUSES.interval)
-    return {"mean": mean, "interval": [mean + float(low), mean + float(high)]}
 
 
 def _together(particles: Particles, names: Sequence[str]) -> list[dict[str, Any]]:

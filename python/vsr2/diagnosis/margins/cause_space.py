@@ -17,6 +17,7 @@ from vsr2.diagnosis.simulated.library import (
     Library,
     free_parameters,
     is_angle,
+    null_quantile,
     sides,
     two_sided,
     value_at,
@@ -28,6 +29,10 @@ Array = NDArray[np.float64]
 Acts = NDArray[np.bool_]
 GAIN: Final = "table_gain"
 """Needs no simulation: a motion that is stronger by a factor takes its logarithm off the margin."""
+
+
+_DIGITS = 9
+"""Of quantiles, which a bisection finds to more."""
 
 
 class NotJudged(StrEnum):
@@ -76,6 +81,18 @@ class _Coordinate:
     low: float
     first: int
     """Column of the effect's first coordinate."""
+
+
+def _turn_share(one: _Coordinate, value: Array) -> Array:
+    """Share of the turn that lies between the null and the end of the range, shape as given.
+
+    All of it, but where the null lies within.
+    """
+    if one.low == 0:
+        return np.ones_like(value)
+    # Rounded, as its null is found by bisection: where it lies in the middle, exactly a half.
+    below = round(null_quantile(one.parameter) or 0.0, _DIGITS)
+    return np.where(value < 0, below, 1 - below)
 
 
 @dataclass(frozen=True, eq=False)
@@ -163,9 +180,9 @@ class CauseSpace:
         """Numbers that are 0 where an effect does not act, shape (n, features).
 
         A primary parameter gives its share of the range from its null, an angle over a full turn
-        cosine less 1 and sine. A secondary angle gives the components of a vector that is as long
-        as the share before it, another secondary parameter that share times how far it lies from
-        the middle of its range.
+        cosine less 1 and sine of how far it is turned. A secondary angle gives the components of a
+        vector that is as long as the share before it, another secondary parameter that share times
+        how far it lies from the middle of its range.
 
         Args:
             points: coordinates, shape (n, coordinates).
@@ -179,7 +196,7 @@ class CauseSpace:
             if k == one.first or not one.parameter.secondary:
                 leading = np.where(on, value, 0.0)
             if is_angle(one.parameter):
-                turn = 2 * np.pi * value if one.parameter.secondary else np.pi * value
+                turn = 2 * np.pi * value * _turn_share(one, value)
                 if one.parameter.secondary:
                     columns += [leading * np.cos(turn), leading * np.sin(turn)]
                 else:

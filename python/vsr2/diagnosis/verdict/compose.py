@@ -179,7 +179,7 @@ def _estimate(parameter: Parameter, values: Array) -> dict[str, Any]:
     inverse = bool(np.isinf(parameter.null))
     known = 1 / values if inverse else values
     if is_angle(parameter):
-        known = _unrolled(known, parameter.lower, parameter.upper)
+        known = unrolled(known, parameter.lower, parameter.upper)
     low, high = INTERVALS.ends
     low, least, middle, most, high = np.quantile(known, [low, 0.05, 0.5, 0.95, high])
     found = {"mean": float(known.mean()), "median": float(middle)}
@@ -194,7 +194,7 @@ def _estimate(parameter: Parameter, values: Array) -> dict[str, Any]:
     return {**found, **ends, "unit": parameter.unit}
 
 
-def _unrolled(values: Array, lower: float, upper: float) -> Array:
+def unrolled(values: Array, lower: float, upper: float) -> Array:
     """Angles as they lie about their mean direction, half a turn to either side of it.
 
     The direction is that of the mean unit vector (K. V. Mardia and P. E. Jupp, "Directional
