@@ -92,18 +92,6 @@ class MarginEmulator:
         diagonal = np.diag(self.inverse)
         return (self.inverse @ self.deviations) / diagonal[:, None], 1 / np.sqrt(diagonal)
 
-    def common_share(self) -> float:
-        """Share of the variance of errors that is common to all trials of a scene.
-
-        Of scenes left out one by one, over trials whose margins differ.
-        """
-        errors, expected = self.left_out()
-        varied = np.ptp(self.deviations, axis=0) > 0
-        relative = errors[:, varied] / expected[:, None]
-        if relative.size == 0 or not relative.any():
-            return 0.0
-        return float((relative.mean(axis=1) ** 2).mean() / (relative**2).mean())
-
     def quality(self) -> dict[str, float | None]:
         """How well it knows a scene that it did not see, over trials whose margins differ.
 

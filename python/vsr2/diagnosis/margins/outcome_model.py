@@ -56,8 +56,7 @@ class Particles:
         acts: which effects act, and last the strength of the motion, shape (n, effects + 1).
         nuisances: standardised, shape (n, q).
         strength: standardised logarithm of the motion's factor, shape (n,).
-        scatter: standardised logarithms of the scatter of motions and trials, and, where the model
-            has one, the standardised error that is common to all trials, shape (n, 2 or 3).
+        scatter: standardised logarithms of the scatter of motions and trials, shape (n, 2).
     """
 
     points: Array
@@ -95,7 +94,6 @@ class OutcomeModel:
         nuisances: their number.
         allowed: names of the effects that may act, the strength of the motion by its own; None:
             all.
-        common: share of the emulator's variance that is common to all trials.
     """
 
     space: CauseSpace
@@ -104,7 +102,6 @@ class OutcomeModel:
     motions: NDArray[np.str_]
     nuisances: int
     allowed: frozenset[str] | None = None
-    common: float = 0.0
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -130,21 +127,18 @@ class OutcomeModel:
             rng.random((count, len(self.names))) < self.prior,
             rng.standard_normal((count, self.nuisances)),
             rng.standard_normal(count),
-            rng.standard_normal((count, 3 if self.common else 2)),
+            rng.standard_normal((count, 2)),
         )
 
     def margins(self, given: Particles) -> tuple[Array, Array]:
-        """Mean margins, with the motion's strength and the common error, and the other variance.
+        """Mean margins with the motion's strength, and the emulator's variance.
 
         Returns:
             Shapes (n, trials), (n,).
         """
         features = self.space.features(given.points, given.acts[:, :-1])
         mean, variance = self.emulator(np.hstack([features, emulated_nuisances(given.nuisances)]))
-        shift = -self.log_strength(given)
-        if self.common:
-            shift += np.sqrt(self.common * variance) * given.scatter[:, 2]
-        return mean + shift[:, None], (1 - self.common) * variance
+        return mean - self.log_strength(given)[:, None], variance
 
     def log_strength(self, given: Particles) -> Array:
         """Logarithm of the factor by which the real motion is stronger, shape (n,)."""
