@@ -186,7 +186,8 @@ class OutcomeModel:
         by_motion, by_trial = self.scatter(given)
         reach = np.sqrt(by_motion**2 + by_trial**2 + variance)[:, None]
         chance = ndtr(-mean[:, rows] / reach).mean(axis=0)
-        return np.nan_to_num((1 - MARGIN.lapse) * chance + 0.5 * MARGIN.lapse, nan=0.5)
+        chance = (1 - MARGIN.lapse) * chance + 0.5 * MARGIN.lapse
+        return np.asarray(np.nan_to_num(chance, nan=0.5))
 
     def _by_motion(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Order of some trials by motion, and where each motion starts."""
