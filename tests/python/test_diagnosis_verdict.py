@@ -14,7 +14,7 @@ from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.posterior.naming import NamingLimits, candidates, decide
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
 from vsr2.diagnosis.simulated.library import free_parameters
-from vsr2.diagnosis.verdict.compose import _estimate, unrolled, shown
+from vsr2.diagnosis.verdict.compose import _estimate, shown, unrolled
 from vsr2.diagnosis.verdict.limits import (
     LIMITS,
     beyond_tolerance,

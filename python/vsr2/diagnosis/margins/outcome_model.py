@@ -94,6 +94,7 @@ class OutcomeModel:
         nuisances: their number.
         allowed: names of the effects that may act, the strength of the motion by its own; None:
             all.
+        expected: number of effects that act, in the prior.
     """
 
     space: CauseSpace
@@ -102,6 +103,7 @@ class OutcomeModel:
     motions: NDArray[np.str_]
     nuisances: int
     allowed: frozenset[str] | None = None
+    expected: float = OUTCOME_MODEL.causes
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -111,7 +113,7 @@ class OutcomeModel:
     @cached_property
     def prior(self) -> Array:
         """Probability that each effect acts, the strength of the motion last."""
-        chance = min(OUTCOME_MODEL.causes / len(self.names), 0.5)
+        chance = min(self.expected / len(self.names), 0.5)
         may = [self.allowed is None or name in self.allowed for name in self.names]
         return np.where(may, chance, 0.0)
 
@@ -180,7 +182,8 @@ class OutcomeModel:
         by_motion, by_trial = self.scatter(given)
         reach = np.sqrt(by_motion**2 + by_trial**2 + variance)[:, None]
         chance = ndtr(-mean[:, rows] / reach).mean(axis=0)
-        return np.nan_to_num((1 - MARGIN.lapse) * chance + 0.5 * MARGIN.lapse, nan=0.5)
+        chance = (1 - MARGIN.lapse) * chance + 0.5 * MARGIN.lapse
+        return np.asarray(np.nan_to_num(chance, nan=0.5))
 
     def _by_motion(self, rows: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
         """Order of some trials by motion, and where each motion starts."""
