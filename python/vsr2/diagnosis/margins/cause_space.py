@@ -31,10 +31,6 @@ GAIN: Final = "table_gain"
 """Needs no simulation: a motion that is stronger by a factor takes its logarithm off the margin."""
 
 
-_DIGITS = 9
-"""Of quantiles, which a bisection finds to more."""
-
-
 class NotJudged(StrEnum):
     """Why no margin of a scene shows an effect."""
 
@@ -90,8 +86,8 @@ def _turn_share(one: _Coordinate, value: Array) -> Array:
     """
     if one.low == 0:
         return np.ones_like(value)
-    # Rounded, as its null is found by bisection: where it lies in the middle, exactly a half.
-    below = round(null_quantile(one.parameter) or 0.0, _DIGITS)
+    # In single precision, as its null is found by bisection: in the middle it is exactly a half.
+    below = float(np.float32(null_quantile(one.parameter) or 0.0))
     return np.where(value < 0, below, 1 - below)
 
 
