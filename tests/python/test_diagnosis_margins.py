@@ -350,3 +350,18 @@ def test_shares_sum_to_what_all_causes_take_off() -> None:
     judged = HeldOutCauses(names, told, rng.uniform(0.1, 0.9, 30), overturned)
     total = sum(judged.share(name) for name in names)
     np.testing.assert_allclose(total, judged.loss(frozenset()) - judged.loss(frozenset(names)))
+
+
+def test_what_does_not_act_keeps_its_prior() -> None:
+    """Coordinates and strength of what ceases to act are drawn again."""
+    outcomes = np.arange(8) < 7
+    model = toy(outcomes, [f"m{i}" for i in range(8)])
+    idle = []
+    for seed in range(4):
+        drawn = sample_posterior(model, np.arange(8), np.random.default_rng([14, seed])).particles
+        idle.append(drawn.strength[~drawn.acts[:, -1]])
+        assert drawn.strength[drawn.acts[:, -1]].mean() > 0.2, "seven of eight overturned"
+    values = np.concatenate(idle)
+    # Some hundreds are independent: 0.05 is a standard deviation.
+    assert abs(values.mean()) < 0.2
+    assert values.std() == pytest.approx(1.0, abs=0.15)

@@ -160,17 +160,17 @@ def _flip(
 ) -> tuple[Particles, Array]:
     """An effect begins or ceases to act."""
     count = len(here)
-    chosen = rng.choice(np.flatnonzero(model.prior > 0), size=count) if model.prior.any() else None
-    if chosen is None:
+    possible = np.flatnonzero(model.prior > 0)
+    if not possible.size:
         return here, np.full(count, -np.inf)
+    chosen = possible[rng.integers(possible.size, size=count)]
     rows = np.arange(count)
     acted = here.acts[rows, chosen]
     acts = here.acts.copy()
     acts[rows, chosen] = ~acted
     odds = np.log(model.prior[chosen] / (1 - model.prior[chosen]))
-    return _begun(model, replace(here, acts=acts), chosen, ~acted, rng), np.where(
-        acted, -odds, odds
-    )
+    there = _redrawn(model, replace(here, acts=acts), chosen, rng)
+    return there, np.where(acted, -odds, odds)
 
 
 def _swap(
@@ -186,21 +186,19 @@ def _swap(
     acts = here.acts.copy()
     acts[rows[possible], ceases[possible]] = False
     acts[rows[possible], begins[possible]] = True
+    there = replace(here, acts=acts)
+    for effect in (ceases, begins):
+        there = _redrawn(model, there, effect, rng)
     # Equal prior probabilities of all effects, and as many choices on the way back.
-    ratio = np.where(possible, 0.0, -np.inf)
-    return _begun(model, replace(here, acts=acts), begins, possible, rng), ratio
+    return there, np.where(possible, 0.0, -np.inf)
 
 
-def _begun(
-    model: OutcomeModel,
-    there: Particles,
-    effect: NDArray[np.int64],
-    which: NDArray[np.bool_],
-    rng: np.random.Generator,
+def _redrawn(
+    model: OutcomeModel, there: Particles, effect: NDArray[np.int64], rng: np.random.Generator
 ) -> Particles:
-    """Coordinates of an effect that begins to act, from its prior."""
-    columns = (model.space.effect_of == effect[:, None]) & which[:, None]
+    """Coordinates from their prior of an effect that begins, or of one that ceases to act."""
+    columns = model.space.effect_of == effect[:, None]
     points = np.where(columns, model.space.draw(len(there), rng), there.points)
-    stronger = which & (effect == len(model.names) - 1)
-    strength = np.where(stronger, rng.standard_normal(len(there)), there.strength)
+    motion = effect == len(model.names) - 1
+    strength = np.where(motion, rng.standard_normal(len(there)), there.strength)
     return replace(there, points=points, strength=strength)

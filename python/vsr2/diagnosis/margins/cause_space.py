@@ -196,7 +196,10 @@ class CauseSpace:
                 if one.parameter.secondary:
                     columns += [leading * np.cos(turn), leading * np.sin(turn)]
                 else:
-                    columns += [on * (np.cos(turn) - 1), on * np.sin(turn)]
+                    columns += [
+                        np.where(on, np.cos(turn) - 1, 0.0),
+                        np.where(on, np.sin(turn), 0.0),
+                    ]
             elif one.parameter.secondary:
                 columns.append(leading * (2 * value - 1))
             else:
