@@ -26,8 +26,8 @@ EMBEDDED = ("configs", "models", "docs/examples", "tests/fuzz/corpus")
 
 APART = {
     r"\./scripts/": "installs system packages, or builds",
-    r"(python3?|PYTHON) -m (venv|build|pip)|\. \.venv|pip install": "installs or builds",
-    r"podman|cmake|clean/bin|auditwheel": "installs or builds",
+    r"(\.venv/bin/)?(python3?|PYTHON) -m (venv|build|pip)|\. \.venv|pip install": "installs or builds",
+    r"podman|cmake|clean/bin|(PATH=\S+ )?auditwheel": "installs or builds",
     r"srun|sbatch|dask|job=|vsr2 .*--scheduler": "needs a cluster",
     r"vsr2 --install-completion": "changes the reader's shell",
     r"vsr2 view ": "serves until Ctrl-C",

@@ -171,7 +171,7 @@ def test_a_missing_diagnosis_is_refused_before_the_receipt(pack, tmp_path) -> No
     ("content", "message"),
     [
         ('{"pack": "abc"}', "pack is 'abc': the diagnoses are of another pack"),
-        ('{"pack": null}', "pack is None: the diagnoses are of another pack"),
+        ('{"pack": null}', "pack is null: the diagnoses are of another pack"),
         ('{"pack": 1e400}', "is no JSON"),
         ("[]", "holds no mapping"),
         ("{", "is no JSON"),
