@@ -26,8 +26,9 @@ EMBEDDED = ("configs", "models", "docs/examples", "tests/fuzz/corpus")
 
 APART = {
     r"\./scripts/": "installs system packages, or builds",
-    r"(\.venv/bin/)?(python3?|PYTHON) -m (venv|build|pip)|\. \.venv|pip install": "installs or builds",
-    r"podman|cmake|clean/bin|(PATH=\S+ )?auditwheel": "installs or builds",
+    r"(\.venv/bin/)?(python3?|PYTHON) -m (venv|build|pip)": "installs or builds",
+    r"\. \.venv|pip install|podman|cmake|clean/bin": "installs or builds",
+    r"(PATH=\S+ )?auditwheel": "installs or builds",
     r"srun|sbatch|dask|job=|vsr2 .*--scheduler": "needs a cluster",
     r"vsr2 --install-completion": "changes the reader's shell",
     r"vsr2 view ": "serves until Ctrl-C",
