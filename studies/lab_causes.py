@@ -18,7 +18,6 @@ from __future__ import annotations
 
 import argparse
 from itertools import combinations
-from math import factorial
 from pathlib import Path
 
 import numpy as np
@@ -29,6 +28,7 @@ from vsr2.analysis import classification_metrics, logistic_baseline
 from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.overturning_margin import MARGIN, fit_margin_model, out_of_fold_probability
 from vsr2.analysis.probability import RELIABILITY, outcome_loss, overturning_probability
+from vsr2.analysis.shapley import shapley_share
 from vsr2.campaign import Campaign, load_campaign, motion_resamples
 from vsr2.campaign.folds import grouped_folds
 from vsr2.diagnosis import Execution, predict
@@ -115,17 +115,6 @@ def every_set() -> list[Causes]:
     return [frozenset(acting) for size in sizes for acting in combinations(CAUSES, size)]
 
 
-def share(by_causes: dict[Causes, Array], cause: str) -> Array:
-    """What a cause takes off the loss of each trial, the mean over all orders."""
-    others = [name for name in CAUSES if name != cause]
-    out = np.zeros(next(iter(by_causes.values())).shape)
-    for size in range(len(others) + 1):
-        weight = factorial(size) * factorial(len(others) - size) / factorial(len(CAUSES))
-        for before in map(frozenset, combinations(others, size)):
-            out += weight * (by_causes[before] - by_causes[before | {cause}])
-    return out
-
-
 def as_simulated(options: argparse.Namespace) -> tuple[Array, Array]:
     """Loss of each trial by the nominal scene, and its floor, by the members of the ensemble."""
     found = predict(
@@ -166,7 +155,7 @@ def main() -> None:
     columns = {
         "as simulated": simulated,
         "rescaled": none,
-        **{f"share of {cause}": share(by_causes, cause) for cause in CAUSES},
+        **{f"share of {cause}": shapley_share(by_causes, cause) for cause in CAUSES},
         **{f"{cause} alone": none - by_causes[frozenset({cause})] for cause in CAUSES},
         **{
             f"{cause} last": by_causes[frozenset(CAUSES) - {cause}] - everything for cause in CAUSES

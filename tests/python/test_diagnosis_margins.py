@@ -12,7 +12,7 @@ from scipy.special import ndtr
 from vsr2.analysis.overturning_margin import MARGIN
 from vsr2.diagnosis.margins import held_out_causes
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
-from vsr2.diagnosis.margins.cause_space import NOT_JUDGED, cause_space, draw_scenes
+from vsr2.diagnosis.margins.cause_space import NOT_JUDGED, cause_space, draw_scene
 from vsr2.diagnosis.margins.held_out_causes import HeldOutCauses, held_out_probability
 from vsr2.diagnosis.margins.margin_emulator import EMULATOR, _loss, fit_emulator
 from vsr2.diagnosis.margins.margin_search import SEARCH, search_margins
@@ -90,10 +90,10 @@ def test_every_effect_moves_features_of_its_own_alone() -> None:
 
 def test_scenes_can_be_drawn_alone_and_the_first_is_nominal() -> None:
     space = cause_space(library())
-    points, acts = draw_scenes(space, range(40), 3)
-    again = draw_scenes(space, [17], 3)
-    np.testing.assert_array_equal(again[0][0], points[17])
-    np.testing.assert_array_equal(again[1][0], acts[17])
+    acts = np.stack([draw_scene(space, row, 3)[1] for row in range(40)])
+    for one, again in zip(draw_scene(space, 17, 3), draw_scene(space, 17, 3), strict=True):
+        np.testing.assert_array_equal(one, again)
+    assert (acts[17] != acts[18]).any()
     assert not acts[0].any()
     assert acts[1:].any(axis=0).all(), "each effect acts somewhere"
 

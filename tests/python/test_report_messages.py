@@ -27,6 +27,7 @@ from vsr2.report.messages import (
     blind_packs,
     commands,
     data,
+    found_causes,
     progress_lines,
     ros2_import,
     scores,
@@ -262,6 +263,7 @@ WORDED = {
     "FailureCode": blind_packs.FAILURES,
     "Fault": verdicts._SECTIONS["faults"],
     "Fitted": agreement.FITTED,
+    "NotJudged": found_causes._NOT_JUDGED,
     "Identifiability": agreement.IDENTIFIABILITY,
     "Ignored": ros2_import.IMPORT_NOTES,
     "Instrument": verdicts._SECTIONS["instruments"],
@@ -279,7 +281,7 @@ WORDED = {
 SHOWN_BY_NAME = {
     "BudgetState", "Drive", "EffectAxis", "EngineKind", "EngineName", "FastRefusal",
     "FeatureChannel", "GapState", "HandOver", "Kind", "LocationAxis", "Loss", "MeasurementKind",
-    "NotJudged", "Objective", "Outcome", "Phase", "PredictedBy", "Scope", "Third",
+    "Objective", "Outcome", "Phase", "PredictedBy", "Scope", "Third",
 }  # fmt: skip
 """Enumerations whose members are words of files and tables, or choose between sentences."""
 ELSEWHERE = {"Code", "FitNote", "NoBaselines", "Status"}

@@ -29,7 +29,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     share_of_gap,
 )
 from vsr2.diagnosis.margins.acting_posterior import SAMPLER, Posterior, sample_posterior
-from vsr2.diagnosis.margins.cause_space import CAUSES, GAIN, NOT_JUDGED, cause_space
+from vsr2.diagnosis.margins.cause_space import CAUSES, NOT_JUDGED, cause_space
 from vsr2.diagnosis.margins.held_out_causes import (
     HELD_OUT_CAUSES,
     HeldOutCauses,
@@ -50,7 +50,7 @@ from vsr2.diagnosis.prediction import PREDICTION, prediction_constants
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.library import free_parameters, is_angle
+from vsr2.diagnosis.simulated.library import GAIN, free_parameters, is_angle
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.verdict.compose import unrolled
@@ -114,7 +114,7 @@ class Causes:
     @property
     def named(self) -> tuple[str, ...]:
         """Effects that are named."""
-        return tuple(name for name, acts in self.acting.items() if acts >= FOUND_CAUSES.named)
+        return tuple(self.content["named"])
 
     def to_json(self) -> str:
         """The text of causes.json."""
@@ -409,7 +409,7 @@ def _held_out(judged: HeldOutCauses, used: Campaign, seed: int) -> dict[str, Any
     """Losses of motions that were not seen: the waterfall, shares, scores, and what is left."""
     motion = np.unique(np.asarray(used.motion_ids), return_inverse=True)[1]
     steps = [frozenset(judged.causes[:k]) for k in range(len(judged.causes) + 1)]
-    p = np.clip(judged.everything, 1e-12, 1 - 1e-12)
+    p = judged.everything
     floor = -(p * np.log(p) + (1 - p) * np.log1p(-p))
     losses = np.stack(
         [*[judged.loss(step) for step in steps], judged.everything_loss(), floor,

@@ -44,6 +44,7 @@ from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
+from vsr2.diagnosis.simulated.library import GAIN
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
@@ -58,8 +59,6 @@ PREDICTIONS, SCORES_FILE, CURVE = "predictions.csv", "scores.csv", "reliability.
 PROVENANCE = "provenance.json"
 WORK_FILES = (PREDICTIONS, SCORES_FILE, CURVE, PROVENANCE, SIMULATIONS)
 """Files of a prediction's folder."""
-GAIN = "table_gain"
-"""Effect that scales motions."""
 
 
 @dataclass(frozen=True)

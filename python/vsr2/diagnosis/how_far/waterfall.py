@@ -12,12 +12,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from math import factorial
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.analysis.shapley import mean_gain, shapley_share
 from vsr2.diagnosis.how_far.ensemble_losses import (
     LossInterval,
     interval,
@@ -127,20 +127,20 @@ class Waterfall:
 
     def share(self, name: str) -> LossInterval:
         """What an effect takes off the mean loss, on average over all orders [nat a trial]."""
-        return interval(np.mean([self._gains(name, n) for n in range(len(self.names))], axis=0))
+        return interval(shapley_share(self._by_names, name))
 
     def ends(self, name: str) -> tuple[LossInterval, LossInterval]:
         """The same where it comes first of all, and last of all."""
-        return interval(self._gains(name, 0)), interval(self._gains(name, len(self.names) - 1))
+        first, last = (mean_gain(self._by_names, name, n) for n in (0, len(self.names) - 1))
+        return interval(first), interval(last)
 
-    def _gains(self, name: str, before: int) -> Array:
-        """Mean gain of adding an effect to so many others, shape (1 + replicates,)."""
-        own = 1 << self.names.index(name)
-        others = [c for c in range(1 << len(self.names)) if not c & own and c.bit_count() == before]
-        count = len(self.names)
-        ways = factorial(count - 1) // (factorial(before) * factorial(count - 1 - before))
-        assert len(others) == ways
-        return np.asarray(np.mean([self._means[:, c] - self._means[:, c | own] for c in others], 0))
+    @cached_property
+    def _by_names(self) -> dict[frozenset[str], Array]:
+        """Mean losses by which effects act, each of shape (1 + replicates,)."""
+        return {
+            frozenset(name for i, name in enumerate(self.names) if choice >> i & 1): row
+            for choice, row in enumerate(self._means.T[:-2])
+        }
 
     def order(self) -> tuple[str, ...]:
         """Effects by their shares, the greatest first."""

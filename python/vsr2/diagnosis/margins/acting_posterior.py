@@ -24,16 +24,16 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class SamplerConstants:
-    """How the posterior is sampled; chosen by hand, judged by how equal seeds agree.
+    """How the posterior is sampled; chosen by hand, judged by how other seeds agree.
 
     Attributes:
         particles: their number, where scenes are chosen.
-        final: their number, where it is said what acts: shares of equal seeds then differ by some
-            0.03.
+        final: their number, where it is said what acts.
         rounds: of walk, flip, walk, swap at each power.
         effective: share of the particles that the next power leaves.
         halvings: by which it is found.
         steps: of the walk, in differences of two particles, of which each particle takes one.
+        shorter: of steps in nuisances, strength and scatter, over those in coordinates.
         jitter: beside these, in coordinates and standard deviations.
         acceptance: that the length of steps is led to.
     """
@@ -44,6 +44,7 @@ class SamplerConstants:
     effective: float = 0.5
     halvings: int = 30
     steps: tuple[float, ...] = (0.2, 0.5)
+    shorter: float = 0.5
     jitter: float = 0.1
     acceptance: float = 0.25
 
@@ -149,7 +150,8 @@ def _walk(
     for name in ("nuisances", "strength", "scatter"):
         old = getattr(here, name)
         along = step.reshape((-1,) + (1,) * (old.ndim - 1))
-        new = old + 0.5 * along * (old[one] - old[other]) + jitter * rng.standard_normal(old.shape)
+        drift = SAMPLER.shorter * along * (old[one] - old[other])
+        new = old + drift + jitter * rng.standard_normal(old.shape)
         moved[name] = new
         ratio += 0.5 * (old**2 - new**2).reshape(count, -1).sum(axis=1)
     return replace(here, points=points, **moved), ratio

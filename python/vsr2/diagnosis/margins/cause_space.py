@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Sequence
+from collections.abc import Collection
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.simulated.library import (
+    GAIN,
     Library,
     free_parameters,
     is_angle,
@@ -27,8 +28,6 @@ from vsr2.effects import Parameter
 
 Array = NDArray[np.float64]
 Acts = NDArray[np.bool_]
-GAIN: Final = "table_gain"
-"""Needs no simulation: a motion that is stronger by a factor takes its logarithm off the margin."""
 
 
 class NotJudged(StrEnum):
@@ -107,7 +106,11 @@ class CauseSpace:
 
     @property
     def all_names(self) -> tuple[str, ...]:
-        """The effects, then the strength of the motion."""
+        """The effects, then the strength of the motion.
+
+        That needs no simulation: a motion that is stronger by a factor takes its logarithm off the
+        margin.
+        """
         return (*self.names, GAIN)
 
     @cached_property
@@ -249,9 +252,3 @@ def draw_scene(space: CauseSpace, index: int, seed: int) -> tuple[Array, Acts]:
     rng = np.random.default_rng([seed, MarginStream.SCENES, index])
     acts = rng.random(len(space.names)) < CAUSES.acting
     return space.draw(1, rng)[0], acts & (index > 0)
-
-
-def draw_scenes(space: CauseSpace, rows: Sequence[int], seed: int) -> tuple[Array, Acts]:
-    """Several such scenes, one row each."""
-    drawn = [draw_scene(space, row, seed) for row in rows]
-    return np.stack([point for point, _ in drawn]), np.stack([acts for _, acts in drawn])

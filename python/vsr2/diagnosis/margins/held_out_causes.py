@@ -5,12 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
-from math import factorial
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.probability import outcome_loss
+from vsr2.analysis.shapley import shapley_share
 from vsr2.campaign.folds import grouped_folds
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.outcome_model import OutcomeModel
@@ -76,17 +76,8 @@ class HeldOutCauses:
         return outcome_loss(self.everything, self.overturned.astype(np.float64))
 
     def share(self, cause: str) -> Array:
-        """What a cause takes off each trial's loss, the mean over all orders, shape (trials,).
-
-        L. S. Shapley, "A value for n-person games", 1953.
-        """
-        others = [name for name in self.causes if name != cause]
-        out = np.zeros(self.overturned.size)
-        for size in range(len(others) + 1):
-            weight = factorial(size) * factorial(len(others) - size) / factorial(len(self.causes))
-            for before in map(frozenset, combinations(others, size)):
-                out += weight * (self.loss(before) - self.loss(before | {cause}))
-        return out
+        """What a cause takes off each trial's loss, the mean over all orders, shape (trials,)."""
+        return shapley_share({allowed: self.loss(allowed) for allowed in self.probability}, cause)
 
 
 def judge_causes(

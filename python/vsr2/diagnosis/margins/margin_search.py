@@ -9,8 +9,8 @@ from enum import IntEnum
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.margins.cause_space import GAIN
 from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.library import GAIN
 from vsr2.diagnosis.simulated.simulator import Effects, Request
 
 Array = NDArray[np.float64]
@@ -71,8 +71,8 @@ def search_margins(overturns: Overturns, guess: Array) -> Array:
     while (rows := np.flatnonzero(state == _State.OPEN)).size:
         fell = overturns(rows, at[rows])
         state[rows[np.isnan(fell)]] = _State.FAILED
-        for end, limit, such in ((high, -reach, fell > 0.5), (low, reach, fell < 0.5)):
-            hit = rows[such]
+        for end, limit, reached in ((high, -reach, fell > 0.5), (low, reach, fell < 0.5)):
+            hit = rows[reached]
             end[hit] = at[hit]
             beyond = hit[at[hit] == limit]
             out[beyond], state[beyond] = limit, _State.FOUND
@@ -103,15 +103,23 @@ def scene_margins(
         progress: called with the share that is done.
     """
     trials = guess.shape[1]
+    done = 0
 
     def overturns(rows: NDArray[np.int64], logs: Array) -> Array:
-        if progress is not None:
-            progress(1 - rows.size / guess.size)
+        nonlocal done
+
+        def report(finished: int, _: int) -> None:
+            if progress is not None:
+                # As if each margin that is open needed two more simulations.
+                progress((done + finished) / (done + finished + 2 * rows.size))
+
         requests = []
         for row, log in zip(rows.tolist(), logs.tolist(), strict=True):
             nuisance, effects = scenes[row // trials]
             scaled = ((GAIN, (float(np.expm1(log)),)),) if log else ()
             requests.append(Request(row % trials, (*effects, *scaled), nuisance, 1))
-        return np.asarray(cache.run(requests).overturned)
+        found = cache.run(requests, progress=report)
+        done += rows.size
+        return np.asarray(found.overturned)
 
     return search_margins(overturns, guess)

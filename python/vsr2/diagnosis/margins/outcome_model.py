@@ -34,6 +34,8 @@ class OutcomeModelConstants:
         motion, trial: medians of the scatter of a motion and of a trial.
         spread: standard deviation of the logarithms of these.
         nodes: of the Gauss-Hermite sum over a motion's part.
+        most: probability that an effect acts, at most, where few are looked for.
+        nuisance: what one standard deviation of a nuisance weighs, in ranges of a cause.
     """
 
     causes: float = 2.0
@@ -42,6 +44,8 @@ class OutcomeModelConstants:
     trial: float = 0.08
     spread: float = 0.7
     nodes: int = 9
+    most: float = 0.5
+    nuisance: float = 0.5
 
 
 OUTCOME_MODEL = OutcomeModelConstants()
@@ -88,7 +92,7 @@ class OutcomeModel:
 
     Attributes:
         space: of causes.
-        emulator: of margins; its features are those of the space, then half the nuisances.
+        emulator: of margins; its features are those of the space, then :func:`emulated_nuisances`.
         overturned: of each trial, shape (trials,).
         motions: ground motion of each trial, shape (trials,).
         nuisances: their number.
@@ -113,7 +117,7 @@ class OutcomeModel:
     @cached_property
     def prior(self) -> Array:
         """Probability that each effect acts, the strength of the motion last."""
-        chance = min(self.expected / len(self.names), 0.5)
+        chance = min(self.expected / len(self.names), OUTCOME_MODEL.most)
         may = [self.allowed is None or name in self.allowed for name in self.names]
         return np.where(may, chance, 0.0)
 
@@ -193,8 +197,8 @@ class OutcomeModel:
 
 
 def emulated_nuisances(standardised: Array) -> Array:
-    """As features of an emulator: one standard deviation weighs as half the range of a cause."""
-    return 0.5 * standardised
+    """As features of an emulator, shape as given."""
+    return OUTCOME_MODEL.nuisance * standardised
 
 
 def acting_share(particles: Particles, names: tuple[str, ...]) -> Mapping[str, float]:

@@ -16,6 +16,9 @@ UNKNOWN: Final = "unknown"
 HALVINGS = 50
 """Of [0, 1], after which a bisection has reached the rounding of numbers near 1 (2^-52)."""
 
+GAIN: Final = "table_gain"
+"""The effect by which a motion is scaled."""
+
 Library = Mapping[str, Effect]
 """Effects by name, in the order of application; every null value is a number."""
 Side = int

@@ -5,14 +5,21 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from vsr2.diagnosis.margins.cause_space import NotJudged
 from vsr2.report.messages.commands import table
-from vsr2.report.messages.templates import counted
+from vsr2.report.messages.templates import check_worded, counted
 
 if TYPE_CHECKING:
     from vsr2.diagnosis import Causes
 
 _LISTED = 0.05
 """Probability from which an effect stands in the table."""
+_NOT_JUDGED = {
+    NotJudged.DIFFERS_BY_TRIAL: "differs from trial to trial, as scatter does",
+    NotJudged.ON_PART_OF_TRIALS: "acts on a part of the trials",
+    NotJudged.NOTED_ALONE: "changes what is noted, not what happens",
+}
+check_worded(NotJudged, _NOT_JUDGED, __name__)
 _SCORES = {
     "log_loss": "log loss",
     "brier": "Brier",
@@ -27,6 +34,7 @@ def causes_text(found: Causes) -> str:
     """Causes with their sizes, sets of them, the losses step by step, and scores: lines."""
     content = found.content
     parts = [_causes(content), _together(content), _waterfall(content), _scores(content)]
+    parts.append(_left_out(content))
     return "\n\n".join(parts) + "\n"
 
 
@@ -84,6 +92,14 @@ def _scores(content: Mapping[str, Any]) -> str:
         if held_out[key] is not None:
             rows.append([label, *(_interval(held_out[key][name]) for name in _SCORES)])
     return table(rows, str.ljust)
+
+
+def _left_out(content: Mapping[str, Any]) -> str:
+    """Effects that were not looked for, and why."""
+    given = [f"{name} ({_NOT_JUDGED[code]})" for name, code in content["not_judged"].items()]
+    given += [f"{name} (left out)" for name in content["excluded"]]
+    given += [f"{name} (impossible in this scene)" for name in content["unavailable"]]
+    return f"not looked for: {', '.join(given)}"
 
 
 def _interval(one: Mapping[str, Any]) -> str:
