@@ -207,7 +207,9 @@ def test_a_trial_that_always_fails_is_no_witness(campaign, monkeypatch) -> None:
 
 def test_simulations_that_all_fail_are_refused(campaign, monkeypatch) -> None:
     shaken_by(monkeypatch, lambda one: np.nan)
-    with pytest.raises(DiagnosisError, match="too few trials end with an outcome; try the scene with"):
+    with pytest.raises(
+        DiagnosisError, match="too few trials end with an outcome; try the scene with"
+    ):
         searched(campaign)
 
 
