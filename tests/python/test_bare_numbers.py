@@ -165,5 +165,10 @@ def test_a_stream_of_random_numbers_has_one_purpose(room, source, streams) -> No
     assert {name: len(files) for name, files in users.items()} == dict.fromkeys(users, 1)
 
 
+def test_streams_of_one_seed_have_numbers_of_their_own() -> None:
+    numbers = [*Stream, *MarginStream]
+    assert len({int(one) for one in numbers}) == len(numbers)
+
+
 def test_every_bare_number_says_what_it_is() -> None:
     assert [at for at, said in all_bare().items() if not said] == []

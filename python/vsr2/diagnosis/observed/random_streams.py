@@ -75,11 +75,11 @@ def generator(seed: int, stream: Stream, *index: int) -> np.random.Generator:
 class MarginStream(IntEnum):
     """What a stream of a search for causes is drawn for; no diagnosis draws beside it."""
 
-    SCENES = 41
+    SCENES = 101
     """Scenes of the prior."""
-    ROUNDS = 42
+    ROUNDS = 102
     """Scenes of the posterior of the time."""
-    FOLDS = 43
+    FOLDS = 103
     """What acts, by the motions of the other folds."""
-    ACTING = 44
+    ACTING = 104
     """What acts, by all outcomes."""
