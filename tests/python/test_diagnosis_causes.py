@@ -6,6 +6,7 @@ import json
 from dataclasses import replace
 from pathlib import Path
 
+import jsonschema
 import numpy as np
 import pytest
 
@@ -13,8 +14,8 @@ from command_line import run
 from planted import shaken_campaign
 from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import load_study, study_from_mapping
-from vsr2.diagnosis import Execution, Hypotheses, find_causes
-from vsr2.diagnosis.causes import CAUSES_SCHEMA, FILES, _sizes
+from vsr2.diagnosis import Execution, Hypotheses, causes_schema, find_causes
+from vsr2.diagnosis.causes import FILES, _sizes
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES
 from vsr2.diagnosis.margins.simulated_scenes import SCENES
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
@@ -91,8 +92,14 @@ def test_the_size_of_the_planted_cause_is_held(campaign, found) -> None:
 def test_every_key_is_explained(found) -> None:
     page = (Path(__file__).parents[2] / "docs" / "reference" / "outputs.md").read_text()
     content = json.loads(found[0].to_json())
-    assert content["schema"] == CAUSES_SCHEMA
-    for part in (content, content["emulator"], content["held_out"], content["causes"][0]):
+    jsonschema.Draft202012Validator.check_schema(causes_schema())
+    jsonschema.validate(content, causes_schema())
+    assert set(content) == set(causes_schema()["properties"])
+    with pytest.raises(jsonschema.ValidationError):
+        jsonschema.validate(content | {"named": "registration"}, causes_schema())
+    held_out = content["held_out"]
+    parts = (content, content["emulator"], held_out, held_out["all"], content["causes"][0])
+    for part in (*parts, held_out["controls"], held_out["logistic"]):
         lacking = [key for key in part if f"`{key}`" not in page]
         assert lacking == []
     for key in ("scene", "scene_effects", "priors", "seed", "constants", "simulations"):
@@ -137,12 +144,20 @@ def test_the_verb_writes_what_the_function_does(campaign, tmp_path, capsys) -> N
     excluded = [part for name in names for part in ("--exclude", name)]
     run(
         "campaign", "causes", study, tmp_path / "campaign", "--out", tmp_path / "out",
-        "--scenes", str(SCENES.least), "--threads", "2", "--json", "--quiet", *excluded,
+        "--scenes", str(SCENES.least), "--threads", "2", "--json", "--quiet",
+        "--posterior-draws", "3", *excluded,
     )  # fmt: skip
     content = json.loads(capsys.readouterr().out)
     assert {row["name"] for row in content["causes"]} == set(OFFERED)
     assert content == json.loads((tmp_path / "out" / "causes.json").read_text())
-    assert {path.name for path in (tmp_path / "out").iterdir()} <= set(FILES)
+    written = [path for path in (tmp_path / "out").rglob("*") if path.is_file()]
+    for path in written:
+        assert any(path.relative_to(tmp_path / "out").match(pattern) for pattern in FILES), path
+    names = {path.name for path in written}
+    assert {"causes.png", "draw_000.yaml", "draw_002.yaml"} <= names
+    assert "draw_003.yaml" not in names
+    draw = load_study(tmp_path / "out" / "corrected_draws" / "draw_000.yaml", check_files=False)
+    assert set(draw.effects) <= set(OFFERED)
 
 
 def test_sizes_of_angles_and_of_what_may_be_off() -> None:
@@ -246,6 +261,8 @@ def test_the_strength_of_the_motion_can_be_left_out(campaign, monkeypatch) -> No
 def test_what_cannot_be_asked_is_refused_before_any_simulation(campaign) -> None:
     with pytest.raises(DiagnosisError, match=f"scenes is 3; give {SCENES.least} or more"):
         find_causes(campaign, scene(), scenes=3)
+    with pytest.raises(DiagnosisError, match="posterior draws: -1; give 1 to"):
+        find_causes(campaign, scene(), posterior_draws=-1)
     with pytest.raises(DiagnosisError, match="seed is -1"):
         find_causes(campaign, scene(), seed=-1)
     standing = replace(

@@ -20,6 +20,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     resampled_means,
 )
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge, rows, simulations
+from vsr2.diagnosis.how_far.negative_controls import recalibrated
 from vsr2.diagnosis.how_far.waterfall import FullInference, Waterfall, waterfall
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.observations import observe_campaign
@@ -242,15 +243,15 @@ def test_a_group_is_rescaled_by_the_others_alone() -> None:
     from scipy.special import expit, logit
 
     outcome = (rng.random(200) < expit(np.log(3) + 0.5 * logit(p))).astype(float)
-    found = module._recalibrated(p, outcome, group)
+    found = recalibrated(p, outcome, group)
     flipped = np.where(group == 1, 1 - outcome, outcome)
-    again = module._recalibrated(p, flipped, group)
+    again = recalibrated(p, flipped, group)
     np.testing.assert_array_equal(again[group == 1], found[group == 1])
     assert np.abs(again - found)[group != 1].mean() > 0.02
     line = np.polyfit(logit(p[group == 2]), logit(found[group == 2]), 1)
     assert line == pytest.approx([0.5, np.log(3)], abs=0.45)
     unknown = np.where(np.arange(200) % 2, outcome, np.nan)
-    assert np.isfinite(module._recalibrated(p, unknown, group)).all()
+    assert np.isfinite(recalibrated(p, unknown, group)).all()
 
 
 def test_a_pair_is_simulated_with_both_effects(judged) -> None:

@@ -248,12 +248,14 @@ class Attributing:
     Attributes:
         out: folder for tables, the corrected scene and simulations (default: nothing is written)
         scenes: whose margins are sought (default: 112)
+        posterior_draws: write so many scenes with a draw of the posterior each, too
         seed: of all draws
         cache: folder of simulations that other searches of the campaign share
     """
 
     out: Path | None = None
     scenes: opt.Integer | None = None
+    posterior_draws: opt.Integer = 0
     exclude: opt.Excluded = ()
     prior: opt.Priors = ()
     nuisance: opt.Nuisances = ()
@@ -286,6 +288,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache, find_causes
     from vsr2.diagnosis.causes import FILES
+    from vsr2.report.causes_figure import write_causes_figure
     from vsr2.report.messages.found_causes import causes_text
     from vsr2.report.messages.progress_lines import ProgressLines
 
@@ -304,6 +307,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
                 priors=opt.priors(options.prior),
                 nuisances=opt.nuisances(options.nuisance),
             ),
+            posterior_draws=options.posterior_draws,
             execution=Execution(
                 options.threads,
                 client,
@@ -312,6 +316,8 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
             ),
             seed=options.seed,
         )
+    if options.out is not None:
+        write_causes_figure(found, options.out)
     if options.json:
         opt.print_json(found.content)
     elif not options.quiet:

@@ -5,6 +5,7 @@ from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.causes import Causes, find_causes
 from vsr2.diagnosis.corrected import corrected_study, drawn_studies
 from vsr2.diagnosis.iteration import Iteration, iterate
+from vsr2.diagnosis.margins.causes_schema import causes_schema
 from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.posterior_check import PosteriorCheck, check_posterior
 from vsr2.diagnosis.prediction import Prediction, predict
@@ -48,6 +49,7 @@ __all__ = [
     "Scope",
     "Simulator",
     "Uniform",
+    "causes_schema",
     "check_posterior",
     "corrected_study",
     "diagnose",

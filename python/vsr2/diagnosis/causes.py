@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+import contextlib
 import json
 import math
+import os
 from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
 from pathlib import Path
@@ -14,27 +16,26 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.analysis import logistic_baseline
-from vsr2.analysis.intervals import INTERVALS
-from vsr2.analysis.probability import probability_intervals
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
-from vsr2.diagnosis.corrected import CORRECTED_FILE, scene_head, scene_with
-from vsr2.diagnosis.how_far.ensemble_losses import (
-    LossInterval,
-    interval,
-    resampled_means,
-    share_of_gap,
+from vsr2.diagnosis.corrected import (
+    CORRECTED_FILE,
+    DRAWS,
+    DRAWS_FOLDER,
+    check_draws,
+    scene_head,
+    scene_with,
+    write_scenes,
 )
+from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
+from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
 from vsr2.diagnosis.margins.acting_posterior import SAMPLER, Posterior, sample_posterior
-from vsr2.diagnosis.margins.cause_space import CAUSES, NOT_JUDGED, cause_space
-from vsr2.diagnosis.margins.held_out_causes import (
-    HELD_OUT_CAUSES,
-    HeldOutCauses,
-    judge_causes,
-)
+from vsr2.diagnosis.margins.cause_space import CAUSES, NotJudged, cause_space, not_judged
+from vsr2.diagnosis.margins.causes_schema import CAUSES_SCHEMA
+from vsr2.diagnosis.margins.explained_gap import explained_gap, simulate_as_it_is
+from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, judge_causes
 from vsr2.diagnosis.margins.margin_emulator import EMULATOR
 from vsr2.diagnosis.margins.margin_search import SEARCH
 from vsr2.diagnosis.margins.outcome_model import (
@@ -43,6 +44,7 @@ from vsr2.diagnosis.margins.outcome_model import (
     Particles,
     acting_share,
 )
+from vsr2.diagnosis.margins.session_steps import session_steps
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.pipeline import Progress, Stage
@@ -50,12 +52,12 @@ from vsr2.diagnosis.prediction import PREDICTION, prediction_constants
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.library import GAIN, free_parameters, is_angle
+from vsr2.diagnosis.simulated.library import GAIN, free_parameters, is_angle, sides
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.verdict.compose import unrolled
 from vsr2.effects import Parameter
-from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
+from vsr2.errors import ConfigError, DiagnosisError
 from vsr2.results import base_provenance
 from vsr2.results.atomic import csv_text, write_text
 
@@ -63,9 +65,16 @@ Array = NDArray[np.float64]
 CAUSES_FILE = "causes.json"
 TABLE_FILE = "causes.csv"
 PROBABILITIES_FILE = "held_out.csv"
-FILES = (CAUSES_FILE, TABLE_FILE, PROBABILITIES_FILE, CORRECTED_FILE, SIMULATIONS)
-CAUSES_SCHEMA = "vsr2.causes/1"
-"""Form of causes.json."""
+FIGURE = "causes.png"
+FILES = (
+    CAUSES_FILE,
+    TABLE_FILE,
+    PROBABILITIES_FILE,
+    CORRECTED_FILE,
+    f"{DRAWS_FOLDER}/{DRAWS}",
+    FIGURE,
+    SIMULATIONS,
+)
 
 
 @dataclass(frozen=True)
@@ -99,12 +108,14 @@ class Causes:
             act: `none`, the causes that are judged together joined by "+", `all`; shapes (trials,).
         corrected: the scene with its likely causes at their posterior mean; None: there is none, or
             no study states them.
+        drawn: scenes with what acts in a draw of the posterior each.
     """
 
     content: Mapping[str, Any]
     trials: tuple[str, ...]
     held_out: Mapping[str, Array]
     corrected: Study | None
+    drawn: tuple[Study, ...] = ()
 
     @property
     def acting(self) -> dict[str, float]:
@@ -159,7 +170,7 @@ class Causes:
             texts[CORRECTED_FILE] = head + dump_study(self.corrected, relative_to=path)
         for name, text in texts.items():
             write_text(path / name, text)
-        return [path / name for name in texts]
+        return [*(path / name for name in texts), *write_scenes(self.drawn, path)]
 
 
 @checked_names(DiagnosisError)
@@ -171,6 +182,7 @@ def find_causes(
     out: str | PathLike[str] | None = None,
     scenes: int | None = None,
     hypotheses: Hypotheses = HYPOTHESES,
+    posterior_draws: int = 0,
     execution: Execution = EXECUTION,
     seed: int = 0,
 ) -> Causes:
@@ -190,6 +202,7 @@ def find_causes(
         scenes: whose margins are sought, each by three to six simulations of a trial; None: as
             many as usual (`SceneConstants`).
         hypotheses: effects, priors and nuisances; at most how many act is not asked.
+        posterior_draws: scenes with what acts in a draw of the posterior each, to predict with.
         execution: threads or a cluster, who gets progress, and a cache that a diagnosis shares.
         seed: of all draws.
 
@@ -208,17 +221,20 @@ def find_causes(
     used = used.select(np.isfinite(used.overturned))
     count = SCENES.usual if scenes is None else scenes
     _check(used, count, seed)
+    if posterior_draws:
+        check_draws(posterior_draws, SAMPLER.final)
     _check_priors(hypotheses)
     study = scene if isinstance(scene, Study) else load_study(scene)
     folder = None if out is None else made_folder(Path(out))
     simulator = simulator_of(used, study, hypotheses, execution, seed)
-    model, work = _modelled(used, simulator, folder, count, execution, seed)
+    model, as_it_is, work = _modelled(used, simulator, folder, count, execution, seed)
     rng = np.random.default_rng([seed, MarginStream.ACTING])
     posterior = sample_posterior(model, np.arange(len(used)), rng, particles=SAMPLER.final)
     acting = acting_share(posterior.particles, model.names)
     likeliest = sorted(model.looked_for, key=lambda name: -acting[name])
     judged = judge_causes(
         model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
+        threads=execution.threads or os.cpu_count() or 1,
         progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
     )  # fmt: skip
     rows = [_cause(model, posterior.particles, name, acting[name]) for name in likeliest]
@@ -231,22 +247,29 @@ def find_causes(
         "motions": len(set(used.motion_ids)),
         **_inferred(model, posterior, rows),
         "emulator": {"scenes": count, **model.emulator.quality()},
-        "held_out": _held_out(judged, used, seed),
+        "held_out": explained_gap(judged, as_it_is, used, seed),
         "corrected": stated,
-        **_not_looked_for(simulator),
+        **_not_looked_for(simulator, model.names),
         "provenance": base_provenance() | work | _rested_on(study, hypotheses, simulator),
     }
     held_out = {_label(allowed): p for allowed, p in judged.probability.items()}
     trials = tuple(trial.trial for trial in used.trials)
-    result = Causes(content, trials, held_out | {"all": judged.everything}, corrected)
+    drawn = _drawn(study, model, posterior.particles, posterior_draws)
+    result = Causes(content, trials, held_out | {"all": judged.everything}, corrected, drawn)
     if folder is not None:
         result.save(folder)
     return result
 
 
-def _not_looked_for(simulator: SceneSimulator) -> dict[str, Any]:
+def _not_looked_for(simulator: SceneSimulator, names: Collection[str]) -> dict[str, Any]:
+    rest = [
+        name
+        for name, effect in simulator.library.items()
+        if name not in (*names, *simulator.excluded) and sides(effect)
+    ]
+    why = {name: not_judged(simulator.library[name]) for name in rest}
     return {
-        "not_judged": dict(NOT_JUDGED),
+        "not_judged": {name: str(code or NotJudged.PART_NOT_JUDGED) for name, code in why.items()},
         "excluded": list(simulator.excluded),
         "unavailable": {name: str(error.fault) for name, error in simulator.unavailable.items()},
     }
@@ -275,8 +298,8 @@ def _modelled(
     scenes: int,
     execution: Execution,
     seed: int,
-) -> tuple[OutcomeModel, dict[str, Any]]:
-    """Margins of scenes, an emulator of them, the model of outcomes, and what was simulated."""
+) -> tuple[OutcomeModel, Ensemble, dict[str, Any]]:
+    """The model of outcomes, the scene as it is, and what was simulated."""
     if GAIN not in simulator.library:
         raise DiagnosisError(f"hypotheses: margins need the effect {GAIN}; leave it in the library")
     space = cause_space(simulator.library, simulator.excluded)
@@ -286,17 +309,25 @@ def _modelled(
     path = None if folder is None else folder / SIMULATIONS
     if execution.cache is not None:
         path = made_folder(execution.cache.folder) / SIMULATIONS
-    allowed = frozenset(space.names) if GAIN in simulator.excluded else None
+    sessions = [trial.session for trial in used.trials]
+    steps = session_steps(space, used.relative_order, sessions, simulator.excluded)
+    allowed = frozenset(steps.together.names) if GAIN in simulator.excluded else None
     with SimulationCache(simulator, path, chunk=PREDICTION.chunk) as cache:
         found = simulate_scenes(
             cache, space, overturned, motions, scenes, allowed=allowed, seed=seed,
             progress=lambda share: _report(execution, Stage.MARGINS, share),
         )  # fmt: skip
+        as_it_is = simulate_as_it_is(
+            cache, len(used),
+            progress=lambda done, of: _report(execution, Stage.JUDGEMENT, done / of),
+        )  # fmt: skip
         asked = cache.asked
     emulator = found.known().emulator(space)
     nuisances = len(simulator.nuisance_names)
-    model = OutcomeModel(space, emulator, overturned, motions, nuisances, allowed)
-    return model, {"scenes": scenes, "simulations": asked}
+    model = OutcomeModel(
+        steps.together, emulator, overturned, motions, nuisances, allowed, steps=steps
+    )
+    return model, as_it_is, {"scenes": scenes, "simulations": asked}
 
 
 def _check(used: Campaign, scenes: int, seed: int) -> None:
@@ -405,57 +436,6 @@ def _together(particles: Particles, names: Sequence[str]) -> list[dict[str, Any]
     ]
 
 
-def _held_out(judged: HeldOutCauses, used: Campaign, seed: int) -> dict[str, Any]:
-    """Losses of motions that were not seen: the waterfall, shares, scores, and what is left."""
-    motion = np.unique(np.asarray(used.motion_ids), return_inverse=True)[1]
-    steps = [frozenset(judged.causes[:k]) for k in range(len(judged.causes) + 1)]
-    p = judged.everything
-    floor = -(p * np.log(p) + (1 - p) * np.log1p(-p))
-    losses = np.stack(
-        [*[judged.loss(step) for step in steps], judged.everything_loss(), floor,
-         *[judged.share(cause) for cause in judged.causes]]
-    )  # fmt: skip
-    means = np.vstack(
-        [losses.mean(axis=1), resampled_means(losses, motion, replicates=INTERVALS.replicates)]
-    ).T
-    gap = means[0] - means[len(steps) + 1]
-    shares = means[len(steps) + 2 :]
-    return {
-        "waterfall": [
-            {"causes": sorted(step), "loss": interval(row).to_json()}
-            for step, row in zip(steps, means, strict=False)
-        ],
-        "all": {"loss": interval(means[len(steps)]).to_json()},
-        "floor": {"loss": interval(means[len(steps) + 1]).to_json()},
-        "closure": share_of_gap(means[0] - means[len(steps)], gap).to_json(),
-        "shares": {
-            cause: {
-                "loss": interval(row).to_json(), "of_gap": share_of_gap(row, gap).to_json()
-            }
-            for cause, row in zip(judged.causes, shares, strict=True)
-        },
-        "scores": _scores(judged.everything, used, seed),
-        "logistic": _logistic(used, seed),
-    }  # fmt: skip
-
-
-def _scores(probability: Array, used: Campaign, seed: int) -> dict[str, Any]:
-    found = probability_intervals(used.overturned > 0, probability, used.motion_ids, seed=seed)
-    return {
-        name: LossInterval(one.value, one.low, one.high).to_json() for name, one in found.items()
-    }
-
-
-def _logistic(used: Campaign, seed: int) -> dict[str, Any] | None:
-    """Scores of the curve without physics, out of fold; None where the campaign gives none."""
-    folds = min(HELD_OUT_CAUSES.folds, len(set(used.motion_ids)))
-    try:
-        curve = logistic_baseline(used, folds=folds, seed=seed)
-    except (CampaignError, MotionError, ResultError):
-        return None
-    return _scores(curve.out_of_fold, used, seed) if curve.used.all() else None
-
-
 def _corrected(
     study: Study, rows: Sequence[Mapping[str, Any]]
 ) -> tuple[Study | None, dict[str, dict[str, float]]]:
@@ -475,6 +455,25 @@ def _corrected(
         return None, {}
 
 
+def _drawn(
+    study: Study, model: OutcomeModel, particles: Particles, draws: int
+) -> tuple[Study, ...]:
+    """The scene with what acts in the first particles that a study can state."""
+    out: list[Study] = []
+    for k in range(len(particles)):
+        if len(out) == draws:
+            break
+        own = particles.taken(np.array([k]))
+        added = {
+            name: {p.name: float(values[0]) for p, values in _values(model, own, name)}
+            for name, on in zip(model.names, own.acts[0], strict=True)
+            if on
+        }
+        with contextlib.suppress(ConfigError):
+            out.append(scene_with(study, added))
+    return tuple(out)
+
+
 def causes_constants() -> dict[str, dict[str, Any]]:
     """Tuned numbers that causes rest on, by what they are of."""
     return {
@@ -485,6 +484,7 @@ def causes_constants() -> dict[str, dict[str, Any]]:
         "outcomes": asdict(OUTCOME_MODEL),
         "sampler": asdict(SAMPLER),
         "held_out_causes": asdict(HELD_OUT_CAUSES),
+        "negative_controls": asdict(NEGATIVE_CONTROLS),
         "found_causes": asdict(FOUND_CAUSES),
         **prediction_constants(),
     }

@@ -9,6 +9,7 @@ from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.probability import RELIABILITY
 from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
+from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
 from vsr2.diagnosis.how_far.waterfall import WATERFALL
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.observed.features import SERIES
@@ -58,6 +59,7 @@ def diagnosis_constants() -> dict[str, dict[str, Any]]:
         "noise_floor": asdict(NOISE_FLOOR),
         "scan": asdict(SCAN),
         "held_out": asdict(HELD_OUT),
+        "negative_controls": asdict(NEGATIVE_CONTROLS),
         "waterfall": asdict(WATERFALL),
         "intervals": asdict(INTERVALS),
         "reliability": asdict(RELIABILITY),

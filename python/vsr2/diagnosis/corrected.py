@@ -24,6 +24,8 @@ from vsr2.results.atomic import make_folder, write_text
 
 CORRECTED_FILE = "corrected.yaml"
 DRAWS_FOLDER = "corrected_draws"
+DRAWS = "draw_*.yaml"
+"""Files in it."""
 DIGITS = 6
 """Of the values that are written."""
 Values = dict[str, dict[str, float]]
@@ -248,10 +250,19 @@ def write_draws(found: Diagnosis, study: Study, folder: Path, draws: int) -> lis
         DiagnosisError: more draws than the posterior has.
         ResultError: a file cannot be written.
     """
-    scenes = drawn_studies(found, study, draws, seed=found.content["provenance"]["seed"])
+    seed = found.content["provenance"]["seed"]
+    return write_scenes(drawn_studies(found, study, draws, seed=seed), folder)
+
+
+def write_scenes(scenes: Sequence[Study], folder: Path) -> list[Path]:
+    """Write scenes into `corrected_draws` of a folder; earlier ones are removed.
+
+    Raises:
+        ResultError: a file cannot be written.
+    """
     below = folder / DRAWS_FOLDER
     try:
-        for old in below.glob("draw_*.yaml"):
+        for old in below.glob(DRAWS):
             old.unlink()
     except OSError as error:
         raise ResultError(f"{below}: cannot be used ({error.strerror})") from error
@@ -260,7 +271,7 @@ def write_draws(found: Diagnosis, study: Study, folder: Path, draws: int) -> lis
     paths = []
     for k, scene in enumerate(scenes):
         paths.append(below / f"draw_{k:03d}.yaml")
-        head = scene_head({"posterior_draw": k + 1, "posterior_draws": draws})
+        head = scene_head({"posterior_draw": k + 1, "posterior_draws": len(scenes)})
         write_text(paths[-1], head + dump_study(scene, relative_to=below))
     return paths
 

@@ -17,7 +17,13 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import BUDGET, EXECUTION, Execution, diagnose, made_folder
 from vsr2.diagnosis.budget import SCHEDULE, Budget
-from vsr2.diagnosis.corrected import CORRECTED_FILE, DRAWS_FOLDER, corrected_study, scene_head
+from vsr2.diagnosis.corrected import (
+    CORRECTED_FILE,
+    DRAWS,
+    DRAWS_FOLDER,
+    corrected_study,
+    scene_head,
+)
 from vsr2.diagnosis.protocol_cache import POSTERIORS, SIMULATIONS
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES
@@ -38,7 +44,7 @@ IterationSchema = Literal["vsr2.iteration/1"]
 ITERATION_SCHEMA: IterationSchema = get_args(IterationSchema)[0]
 ITERATION_FILE = "iteration.json"
 _OF_ONE = (
-    FILE, PAGE_FILE, *TABLES, CORRECTED_FILE, f"{DRAWS_FOLDER}/draw_*.yaml", SIMULATIONS,
+    FILE, PAGE_FILE, *TABLES, CORRECTED_FILE, f"{DRAWS_FOLDER}/{DRAWS}", SIMULATIONS,
     POSTERIORS, *CHECK_FILES,
 )  # fmt: skip
 WORK_FILES = (ITERATION_FILE, *_OF_ONE, *(f"round_*/{name}" for name in _OF_ONE))

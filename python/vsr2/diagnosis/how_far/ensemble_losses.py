@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 
 from vsr2.analysis import overturning_probability
 from vsr2.analysis.intervals import INTERVALS
+from vsr2.analysis.probability import outcome_loss
 
 Array = NDArray[np.float64]
 
@@ -77,6 +78,25 @@ def by_kind(scores: Array) -> Array:
     if known.shape[-1] > 1:
         out = out + known[..., 1:].mean(axis=-1)
     return np.asarray(out)
+
+
+def simulated_loss(
+    simulated: Ensemble, probability: Array, outcome: Array, features: Array
+) -> Array:
+    """Loss of each trial by simulations of it, shape (trials,)."""
+    scores = by_kind(feature_scores(simulated.features, features))
+    return np.asarray(outcome_loss(probability, outcome) + scores)
+
+
+def floor_loss(simulated: Ensemble) -> Array:
+    """Mean loss of each simulation by the others: what a campaign without a gap loses."""
+    out = np.zeros(simulated.overturned.shape[1])
+    everyone = np.arange(len(simulated))
+    for i in everyone:
+        others = simulated.take(np.delete(everyone, i))
+        own = simulated.overturned[i], simulated.features[i]
+        out += simulated_loss(others, others.probability, *own)
+    return out / len(simulated)
 
 
 @dataclass(frozen=True)

@@ -22,18 +22,22 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.intervals import INTERVALS
-from vsr2.analysis.probability import outcome_loss
 from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
     LossInterval,
-    by_kind,
-    feature_scores,
+    floor_loss,
     interval,
     resampled_means,
     share_of_gap,
+    simulated_loss,
+)
+from vsr2.diagnosis.how_far.negative_controls import (
+    recalibrated,
+    with_change_of,
+    wrong_partners,
 )
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
+from vsr2.diagnosis.observed.random_streams import NoiseStream
 from vsr2.diagnosis.posterior.training import Posterior
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.library import free_parameters
@@ -51,25 +55,16 @@ class HeldOutConstants:
     Attributes:
         members: simulations of each trial, without effect and with what is named.
         groups: of motions.
-        dealt: ways of dealing the response to wrong trials.
-        neighbours: trials of like intensity among which it is dealt.
         nuisances: draw of the nuisances of the first simulation with what is named.
         replicate: of starts and noise there.
         resamples: of motions, from which intervals are taken.
-        rescaling: standard deviation of the prior on shift and slope of rescaled probabilities,
-            about none.
-        least_probability: of either outcome in the negative controls.
     """
 
     members: int = 24
     groups: int = 5
-    dealt: int = 8
-    neighbours: int = 8
     nuisances: int = 500
     replicate: int = 2
     resamples: int = INTERVALS.replicates
-    rescaling: float = 2.0
-    least_probability: float = 1e-3
 
 
 HELD_OUT = HeldOutConstants()
@@ -178,7 +173,7 @@ def judge(
     before = ensemble(cache, seen, trials, [plain] * trials.size, draws, 1, seed)
     outcome, features = seen.overturned[trials], seen.features[trials]
     losses = {Loss.BEFORE: simulated_loss(before, before.probability, outcome, features)}
-    losses[Loss.FLOOR] = _floor(before)
+    losses[Loss.FLOOR] = floor_loss(before)
     blank = np.full(trials.size, np.nan)
     if not names:
         losses |= dict.fromkeys((Loss.AFTER, *CONTROLS), blank)
@@ -201,7 +196,7 @@ def judge(
         progress=progress,
     )
     losses[Loss.AFTER] = simulated_loss(after, after.probability, outcome, features)
-    scaled = _recalibrated(before.probability, outcome, group)
+    scaled = recalibrated(before.probability, outcome, group)
     losses[Loss.RECALIBRATED] = simulated_loss(before, scaled, outcome, features)
     losses[Loss.DEALT] = _dealt(before, after, outcome, features, seen.log_pga_g[trials], seed)
     return HowFar(losses, before.probability, after.probability, motion, tuple(names))
@@ -230,25 +225,6 @@ def ensemble(
     overturned = found.overturned.reshape(shape)
     noted = seen.noted(overturned, found.peak_tilt.reshape(shape), series, seed)
     return Ensemble(overturned, noted)
-
-
-def simulated_loss(
-    simulated: Ensemble, probability: Array, outcome: Array, features: Array
-) -> Array:
-    """Loss of each trial by simulations of it, shape (trials,)."""
-    scores = by_kind(feature_scores(simulated.features, features))
-    return np.asarray(outcome_loss(probability, outcome) + scores)
-
-
-def _floor(simulated: Ensemble) -> Array:
-    """Mean loss of each simulation by the others: what a campaign without a gap loses."""
-    out = np.zeros(simulated.overturned.shape[1])
-    everyone = np.arange(len(simulated))
-    for i in everyone:
-        others = simulated.take(np.delete(everyone, i))
-        own = simulated.overturned[i], simulated.features[i]
-        out += simulated_loss(others, others.probability, *own)
-    return out / len(simulated)
 
 
 def motion_groups(motion: NDArray[np.int64], outcome: Array) -> NDArray[np.int64]:
@@ -287,61 +263,20 @@ def parameter_values(effect: Effect, free: Array) -> tuple[float, ...]:
     return tuple(float(given.get(p.name, p.null)) for p in effect.parameters)
 
 
-def _recalibrated(probability: Array, outcome: Array, group: NDArray[np.int64]) -> Array:
-    """Platt's scaling of each group's probabilities, fitted to the others with a weak pull to none.
-
-    J. Platt, "Probabilistic outputs for support vector machines", 1999.
-    """
-    from scipy.optimize import minimize
-    from scipy.special import expit, logit
-
-    out, variance = probability.copy(), HELD_OUT.rescaling**2
-    for k in np.unique(group):
-        used = (group != k) & np.isfinite(outcome)
-        x, target = logit(probability[used]), outcome[used]
-
-        def cost(theta: Array, x: Array = x, target: Array = target) -> tuple[float, Array]:
-            line = theta[0] + theta[1] * x
-            pull = (theta - [0.0, 1.0]) / variance
-            wrong = expit(line) - target
-            value = np.logaddexp(0.0, line).sum() - (target * line).sum()
-            value += 0.5 * variance * (pull**2).sum()
-            return float(value), np.array([wrong.sum(), (wrong * x).sum()]) + pull
-
-        shift, slope = minimize(cost, np.array([0.0, 1.0]), jac=True, method="BFGS").x
-        line = shift + slope * logit(probability[group == k])
-        out[group == k] = _within(expit(line))
-    return out
-
-
 def _dealt(
     before: Ensemble, after: Ensemble, outcome: Array, features: Array, log_pga_g: Array, seed: int
 ) -> Array:
     """Loss where every trial gets the change of another one of like intensity."""
-    from scipy.special import expit, logit
-
-    rng = generator(seed, Stream.DEALT)
-    start = logit(before.probability)
-    change = logit(after.probability) - start
     with np.errstate(invalid="ignore"):
         moved = _mean(after.features) - _mean(before.features)
-    order = np.argsort(log_pga_g, kind="stable")
-    out = np.zeros(outcome.size)
-    for _ in range(HELD_OUT.dealt):
-        partner = np.empty(outcome.size, dtype=np.int64)
-        for first in range(0, outcome.size, HELD_OUT.neighbours):
-            block = order[first : first + HELD_OUT.neighbours]
-            mixed = block[rng.permutation(block.size)]
-            partner[mixed] = np.roll(mixed, 1)
+    losses = []
+    for partner in wrong_partners(log_pga_g, seed):
         shifted = before.features + np.nan_to_num(moved[partner])
-        probability = _within(expit(start + change[partner]))
-        out += simulated_loss(Ensemble(before.overturned, shifted), probability, outcome, features)
-    return out / HELD_OUT.dealt
-
-
-def _within(probability: Array) -> Array:
-    least = HELD_OUT.least_probability
-    return np.asarray(np.clip(probability, least, 1 - least), dtype=np.float64)
+        probability = with_change_of(before.probability, after.probability, partner)
+        losses.append(
+            simulated_loss(Ensemble(before.overturned, shifted), probability, outcome, features)
+        )
+    return np.asarray(np.mean(losses, axis=0))
 
 
 def _mean(values: Array) -> Array:

@@ -23,13 +23,13 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     interval,
     resampled_means,
     share_of_gap,
+    simulated_loss,
 )
 from vsr2.diagnosis.how_far.held_out import (
     HELD_OUT,
     ensemble,
     motion_groups,
     parameter_values,
-    simulated_loss,
 )
 from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator

@@ -6,8 +6,6 @@ from collections.abc import Collection
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from types import MappingProxyType
-from typing import Final
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +21,10 @@ from vsr2.diagnosis.simulated.library import (
     two_sided,
     value_at,
 )
+from vsr2.diagnosis.simulated.scene_effects import draws_by_trial
 from vsr2.diagnosis.simulated.simulator import Effects
-from vsr2.effects import Parameter
+from vsr2.effects import Effect, Parameter
+from vsr2.effects.order import Step
 
 Array = NDArray[np.float64]
 Acts = NDArray[np.bool_]
@@ -34,19 +34,20 @@ class NotJudged(StrEnum):
     """Why no margin of a scene shows an effect."""
 
     DIFFERS_BY_TRIAL = "differs_by_trial"
-    ON_PART_OF_TRIALS = "on_part_of_trials"
+    """As scatter does."""
+    PART_NOT_JUDGED = "part_not_judged"
+    """It brings in an effect that is not looked for."""
     NOTED_ALONE = "noted_alone"
+    """It changes what is noted, not what happens."""
 
 
-NOT_JUDGED: Final = MappingProxyType(
-    {
-        "placement": NotJudged.DIFFERS_BY_TRIAL,
-        "session": NotJudged.ON_PART_OF_TRIALS,
-        "change_point": NotJudged.ON_PART_OF_TRIALS,
-        "outcome_rule": NotJudged.NOTED_ALONE,
-    }
-)
-"""Effects that margins do not show: scatter does; or the effect changes what is noted alone."""
+def not_judged(effect: Effect) -> NotJudged | None:
+    """Why margins do not show an effect; None: they do."""
+    if effect.stage == "outcome":
+        return NotJudged.NOTED_ALONE
+    if draws_by_trial(effect, effect.extreme(), [0.0, 1.0], ["1", "1"]):
+        return NotJudged.DIFFERS_BY_TRIAL
+    return None
 
 
 @dataclass(frozen=True)
@@ -234,11 +235,18 @@ class CauseSpace:
 
 
 def cause_space(library: Library, exclude: Collection[str] = ()) -> CauseSpace:
-    """Of the effects of a library that margins can show."""
+    """Of the effects of a library that act throughout a campaign and that margins can show.
+
+    Those that come in at a session are made of these (`SessionSteps`).
+    """
     names = tuple(
         name
         for name, effect in library.items()
-        if name not in NOT_JUDGED and name not in exclude and name != GAIN and sides(effect)
+        if not_judged(effect) is None
+        and not isinstance(effect, Step)
+        and name not in exclude
+        and name != GAIN
+        and sides(effect)
     )
     return CauseSpace(library, names)
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -38,16 +39,31 @@ class HeldOutCausesConstants:
 HELD_OUT_CAUSES = HeldOutCausesConstants()
 
 
-def held_out_probability(model: OutcomeModel, seed: int) -> Array:
-    """Of overturning, each motion by what the outcomes of other folds tell, shape (trials,)."""
-    folds = min(HELD_OUT_CAUSES.folds, len(set(model.motions.tolist())))
-    fold = grouped_folds(model.motions, model.overturned.astype(np.float64), folds)
+def folds_of(model: OutcomeModel) -> NDArray[np.int64]:
+    """Fold of each trial, shape (trials,); the trials of a motion are of one fold."""
+    count = min(HELD_OUT_CAUSES.folds, len(set(model.motions.tolist())))
+    return grouped_folds(model.motions, model.overturned.astype(np.float64), count)
+
+
+def held_out_probability(model: OutcomeModel, seed: int, threads: int = 1) -> Array:
+    """Of overturning, each motion by what the outcomes of other folds tell, shape (trials,).
+
+    Args:
+        model: of outcomes.
+        seed: of draws; each fold has its own.
+        threads: that share the folds; the result does not depend on them.
+    """
+    fold = folds_of(model)
     out = np.full(fold.size, np.nan)
-    for k in np.unique(fold):
-        rng = np.random.default_rng([seed, MarginStream.FOLDS, int(k)])
+
+    def predict(k: int) -> None:
+        rng = np.random.default_rng([seed, MarginStream.FOLDS, k])
         seen, rest = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
         found = sample_posterior(model, seen, rng, particles=HELD_OUT_CAUSES.particles)
         out[rest] = model.probability(found.particles, rest)
+
+    with ThreadPoolExecutor(threads) as pool:
+        list(pool.map(predict, np.unique(fold).tolist()))
     return out
 
 
@@ -60,12 +76,14 @@ class HeldOutCauses:
         probability: of overturning, shape (trials,), by which of these causes may act.
         everything: where all effects may act, shape (trials,).
         overturned: of each trial, shape (trials,).
+        fold: of each trial, shape (trials,).
     """
 
     causes: tuple[str, ...]
     probability: Mapping[Allowed, Array]
     everything: Array
     overturned: NDArray[np.bool_]
+    fold: NDArray[np.int64]
 
     def loss(self, allowed: Allowed) -> Array:
         """Logarithmic loss of each trial, shape (trials,)."""
@@ -85,6 +103,7 @@ def judge_causes(
     causes: Sequence[str],
     *,
     seed: int = 0,
+    threads: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> HeldOutCauses:
     """Losses with every choice of the causes, and with all effects.
@@ -96,6 +115,7 @@ def judge_causes(
         model: in which all effects that are looked for may act.
         causes: that are judged one by one.
         seed: of all draws; choices share it.
+        threads: as of :func:`held_out_probability`.
         progress: called with the share that is done.
     """
     choices = [
@@ -105,10 +125,10 @@ def judge_causes(
     ]
     found: dict[Allowed, Array] = {}
     for k, allowed in enumerate(choices):
-        found[allowed] = held_out_probability(replace(model, allowed=allowed), seed)
+        found[allowed] = held_out_probability(replace(model, allowed=allowed), seed, threads)
         if progress is not None:
             progress((k + 1) / (len(choices) + 1))
-    everything = held_out_probability(model, seed)
+    everything = held_out_probability(model, seed, threads)
     if progress is not None:
         progress(1.0)
-    return HeldOutCauses(tuple(causes), found, everything, model.overturned)
+    return HeldOutCauses(tuple(causes), found, everything, model.overturned, folds_of(model))

@@ -25,15 +25,15 @@ class SearchConstants:
 
     Attributes:
         reach: of the logarithm of the factor on the motion, both ways.
-        width: of the range that is left, by which a margin is good to half of it: below what chaos
-            scatters.
+        width: of the range that is left, by which a margin is good to half of it: well below what
+            an emulator errs by in a scene that it has not seen.
         step: of the first step away from the guess; each further one is twice as long.
         pilot: scenes whose margins are sought first, from the middle; their median is the guess
             for the others.
     """
 
     reach: float = 1.0
-    width: float = 0.0625
+    width: float = 0.125
     step: float = 0.125
     pilot: int = 16
 

@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from vsr2.analysis.overturning_margin import MARGIN
 from vsr2.diagnosis.margins.cause_space import Acts, CauseSpace
 from vsr2.diagnosis.margins.margin_emulator import MarginEmulator
+from vsr2.diagnosis.margins.session_steps import SessionSteps
 
 Array = NDArray[np.float64]
 
@@ -95,14 +96,16 @@ class OutcomeModel:
     """Of the trials of a campaign.
 
     Attributes:
-        space: of causes.
-        emulator: of margins; its features are those of the space, then :func:`emulated_nuisances`.
+        space: of all causes; those that act throughout first, then the steps.
+        emulator: of margins; its features are those of what acts throughout, then
+            :func:`emulated_nuisances`.
         overturned: of each trial, shape (trials,).
         motions: ground motion of each trial, shape (trials,).
         nuisances: their number.
         allowed: names of the effects that may act, the strength of the motion by its own; None:
             all.
         expected: number of effects that act, in the prior.
+        steps: what comes in at a session; None: nothing is looked for that does.
     """
 
     space: CauseSpace
@@ -112,6 +115,7 @@ class OutcomeModel:
     nuisances: int
     allowed: frozenset[str] | None = None
     expected: float = OUTCOME_MODEL.causes
+    steps: SessionSteps | None = None
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -146,8 +150,14 @@ class OutcomeModel:
         Returns:
             Shapes (n, trials), (n,).
         """
-        features = self.space.features(given.points, given.acts[:, :-1])
-        mean, variance = self.emulator(np.hstack([features, emulated_nuisances(given.nuisances)]))
+        nuisances = emulated_nuisances(given.nuisances)
+        if self.steps is None:
+            features = self.space.features(given.points, given.acts[:, :-1])
+            mean, variance = self.emulator(np.hstack([features, nuisances]))
+        else:
+            mean, variance = self.steps.margins(
+                self.emulator, nuisances, given.points, given.acts[:, :-1]
+            )
         return mean - self.log_strength(given)[:, None], variance
 
     def log_strength(self, given: Particles) -> Array:

@@ -17,6 +17,25 @@ from vsr2.trial import Trial
 Given = tuple[Effect, Mapping[str, float]]
 
 
+def draws_by_trial(
+    effect: Effect, values: Mapping[str, float], order: Sequence[float], sessions: Sequence[str]
+) -> bool:
+    """Whether chance has a part in an effect's values in any trial.
+
+    Args:
+        effect: any.
+        values: of all parameters.
+        order: of the trials, 0 first and 1 last.
+        sessions: of the trials.
+    """
+    rng = np.random.default_rng(0)
+    before = rng.bit_generator.state
+    known = tuple(dict.fromkeys(sessions))
+    for place, session in zip(order, sessions, strict=True):
+        effect.at(values, Circumstances(place, session, known, rng))
+    return bool(rng.bit_generator.state != before)
+
+
 class SceneEffects:
     """Puts the effects of a study into the trials of a campaign.
 
@@ -36,18 +55,9 @@ class SceneEffects:
     def __init__(self, study: Study, order: Sequence[float], sessions: Sequence[str]) -> None:
         self._order, self._sessions = order, sessions
         given = [(one, values) for one, values in chosen(study.effects) if not one.is_null(values)]
-        draws = [self._draws(one, values) for one, values in given]
+        draws = [draws_by_trial(one, values, order, sessions) for one, values in given]
         first = draws.index(True) if any(draws) else len(given)
         self._fixed, self._drawn = given[:first], given[first:]
-
-    def _draws(self, one: Effect, values: Mapping[str, float]) -> bool:
-        """Whether chance has a part in an effect's values in any trial."""
-        rng = np.random.default_rng(0)
-        before = rng.bit_generator.state
-        known = tuple(dict.fromkeys(self._sessions))
-        for order, session in zip(self._order, self._sessions, strict=True):
-            one.at(values, Circumstances(order, session, known, rng))
-        return bool(rng.bit_generator.state != before)
 
     @property
     def content(self) -> list[tuple[str, list[tuple[str, float]], str]]:

@@ -56,11 +56,13 @@ def _closed(properties: dict[str, Any], required: list[str]) -> dict[str, Any]:
     }
 
 
-class _Part(BaseModel):
+class SchemaPart(BaseModel):
+    """Of a document: no key but those that are stated."""
+
     model_config = ConfigDict(extra="forbid")
 
 
-class _Campaign(_Part):
+class _Campaign(SchemaPart):
     name: str
     trials: Count
     tier: Tier
@@ -69,14 +71,14 @@ class _Campaign(_Part):
     responding_trials: Count
 
 
-class _Estimate(_Part):
+class Estimate(SchemaPart):
     """With its 95 % interval; null: there is none."""
 
     value: float | None
     ci95: Ends | None
 
 
-class _Layers(_Part):
+class _Layers(SchemaPart):
     """Shares of outcomes that change although nothing of substance does."""
 
     numerical: Share | None
@@ -90,7 +92,7 @@ class _Layers(_Part):
     repeats: Count
 
 
-class _Gap(_Part):
+class _Gap(SchemaPart):
     """Losses a trial [nat], and what they say together.
 
     `fit`: tail probability of the campaign among simulated ones without effect. `library_fit`: that
@@ -101,23 +103,23 @@ class _Gap(_Part):
     fit: Share
     library_fit: Share
     effects: list[str]
-    before: _Estimate
-    after: _Estimate
-    floor: _Estimate
-    excess: _Estimate
-    excess_after: _Estimate
-    gain: _Estimate
-    closure: _Estimate
-    headline: _Estimate
+    before: Estimate
+    after: Estimate
+    floor: Estimate
+    excess: Estimate
+    excess_after: Estimate
+    gain: Estimate
+    closure: Estimate
+    headline: Estimate
     layers: _Layers
 
 
-class _Place(_Part):
+class _Place(SchemaPart):
     kind: LocationKind
     values: dict[str, str]
 
 
-class _Located(_Part):
+class _Located(SchemaPart):
     """Which location it is; of an intensity the values are thirds of the campaign's."""
 
     location: _Place
@@ -137,7 +139,7 @@ class _Location(_Located):
     trials: list[str] | None
 
 
-class _Verdict(_Part):
+class _Verdict(SchemaPart):
     kind: VerdictKind
     effects: list[str]
     findings: list[list[str]]
@@ -146,7 +148,7 @@ class _Verdict(_Part):
     text: str = ""
 
 
-class _Parameter(_Part):
+class _Parameter(SchemaPart):
     """Given that the effect acts; null: infinite."""
 
     mean: float | None
@@ -156,7 +158,7 @@ class _Parameter(_Part):
     unit: str
 
 
-class _Effect(_Part):
+class _Effect(SchemaPart):
     """`probability` sums to 1 with none and unknown; `acts` counts every set that holds it."""
 
     name: str
@@ -165,51 +167,55 @@ class _Effect(_Part):
     parameters: dict[str, _Parameter]
 
 
-class _Set(_Part):
+class _Set(SchemaPart):
     effects: list[str]
     probability: Share
 
 
-class _Unknown(_Part):
+class _Unknown(SchemaPart):
     probability: Share
     detection_rate: Share
 
 
-class _Control(_Part):
-    closure: _Estimate
-    loss: _Estimate
+class Control(SchemaPart):
+    """Loss a trial [nat], and the share of the gap that it closes."""
+
+    closure: Estimate
+    loss: Estimate
 
 
-class _Controls(_Part):
-    recalibrated: _Control
-    dealt: _Control
+class Controls(SchemaPart):
+    """Negative controls."""
+
+    recalibrated: Control
+    dealt: Control
 
 
-class _Cause(_Part):
+class _Cause(SchemaPart):
     """What one effect takes off the loss: over all orders, first of all, last of all."""
 
     name: str
-    share: _Estimate
-    first: _Estimate
-    last: _Estimate
+    share: Estimate
+    first: Estimate
+    last: Estimate
 
 
-class _Step(_Part):
+class _Step(SchemaPart):
     effects: list[str]
-    loss: _Estimate
+    loss: Estimate
 
 
-class _Waterfall(_Part):
+class _Waterfall(SchemaPart):
     """Losses a trial [nat] on motions that neither fit nor choice saw."""
 
     effects: list[_Cause]
     steps: list[_Step]
-    everything: _Estimate
-    floor: _Estimate
-    closure: _Estimate
+    everything: Estimate
+    floor: Estimate
+    closure: Estimate
 
 
-class _Posterior(_Part):
+class _Posterior(SchemaPart):
     """What calibration on held-out campaigns set."""
 
     temperature: float
@@ -223,25 +229,25 @@ class _Posterior(_Part):
     campaigns: Count
 
 
-class _Repetition(_Part):
+class _Repetition(SchemaPart):
     trial: str
     information_per_repeat: float
     repeats: Count | None
 
 
-class _Rival(_Part):
+class _Rival(SchemaPart):
     name: str
     instrument: Instrument
     repetition: _Repetition
 
 
-class _OutOfLibrary(_Part):
+class _OutOfLibrary(SchemaPart):
     trial: str
     tier: Tier
     location: _Located | None
 
 
-class _Measurement(_Part):
+class _Measurement(SchemaPart):
     kind: MeasurementKind
     splits: list[str]
     instruments: list[Instrument]
@@ -251,7 +257,7 @@ class _Measurement(_Part):
     text: str = ""
 
 
-class _Corrected(_Part):
+class _Corrected(SchemaPart):
     """What is added to the scene, and all effects of the corrected one; null: no study states them.
 
     `among` are the effects that the verdict names.
@@ -262,7 +268,7 @@ class _Corrected(_Part):
     scene: dict[str, dict[str, float | str]] | None
 
 
-class _Budget(_Part):
+class _Budget(SchemaPart):
     state: BudgetState
     simulations: Count
     allowed: Count
@@ -272,12 +278,12 @@ class _Budget(_Part):
     campaigns: Count
 
 
-class _Reference(_Part):
+class _Reference(SchemaPart):
     campaign: str
     none: Share
 
 
-class _Provenance(_Part):
+class _Provenance(SchemaPart):
     """Versions, budget, constants and whatever else a simulator notes."""
 
     model_config = ConfigDict(extra="allow")
@@ -295,7 +301,7 @@ class _Provenance(_Part):
     wall_time_s: float
 
 
-class _Diagnosis(_Part):
+class _Diagnosis(SchemaPart):
     """Diagnosis of the sim-to-real gap."""
 
     form: Schema = Field(alias="schema")
@@ -309,7 +315,7 @@ class _Diagnosis(_Part):
     unknown: _Unknown
     conformal_set_90: list[str]
     waterfall: _Waterfall | None
-    negative_control: _Controls
+    negative_control: Controls
     posterior: _Posterior
     next_measurement: _Measurement | None
     limits: Annotated[list[Any], WithJsonSchema(_statements(LimitCode))]

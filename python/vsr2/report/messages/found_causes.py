@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from vsr2.diagnosis.how_far.held_out import Loss
 from vsr2.diagnosis.margins.cause_space import NotJudged
 from vsr2.report.messages.commands import table
 from vsr2.report.messages.templates import check_worded, counted
@@ -16,10 +17,16 @@ _LISTED = 0.05
 """Probability from which an effect stands in the table."""
 _NOT_JUDGED = {
     NotJudged.DIFFERS_BY_TRIAL: "differs from trial to trial, as scatter does",
-    NotJudged.ON_PART_OF_TRIALS: "acts on a part of the trials",
+    NotJudged.PART_NOT_JUDGED: "brings in an effect that is not looked for",
     NotJudged.NOTED_ALONE: "changes what is noted, not what happens",
 }
 check_worded(NotJudged, _NOT_JUDGED, __name__)
+CONTROL_LABELS = {
+    Loss.RECALIBRATED: "control: rescaled",
+    Loss.DEALT: "control: dealt",
+}
+"""Negative controls: probabilities of the scene as it is, rescaled; and what the causes change,
+dealt to other trials of like intensity."""
 _SCORES = {
     "log_loss": "log loss",
     "brier": "Brier",
@@ -73,24 +80,39 @@ def _together(content: Mapping[str, Any]) -> str:
 def _waterfall(content: Mapping[str, Any]) -> str:
     held_out = content["held_out"]
     rows = [["loss a trial, motions that were not seen", "", "share of the gap, over all orders"]]
-    before: set[str] = set()
-    for step in held_out["waterfall"]:
-        new = [name for name in step["causes"] if name not in before]
-        before = set(step["causes"])
-        share = _interval(held_out["shares"][new[0]]["of_gap"]) if new else ""
-        label = f"with {new[0]}" if new else "scene as it is, scatter fitted"
-        rows.append([label, _interval(step["loss"]), share])
+    rows.append(["scene as it is", _interval(held_out["as_it_is"]["loss"]), ""])
+    for label, cause, loss in waterfall_steps(content):
+        share = _interval(held_out["shares"][cause]["of_gap"]) if cause else ""
+        rows.append([label, _interval(loss), share])
     rows.append(["with all effects", _interval(held_out["all"]["loss"]), ""])
-    rows.append(["floor: were the probabilities true", _interval(held_out["floor"]["loss"]), ""])
-    return f"{table(rows, str.ljust)}\nclosure: {_interval(held_out['closure'])}"
+    rows.append(["floor: a campaign without a gap", _interval(held_out["floor"]["loss"]), ""])
+    closed = [["closure of the gap", _interval(held_out["all"]["closure"])]]
+    for name, label in CONTROL_LABELS.items():
+        closed.append([label, _interval(held_out["controls"][name]["closure"])])
+    closed.append(["causes beyond the better control", _interval(held_out["beyond_controls"])])
+    if held_out["logistic"] is not None:
+        closed.append(["logistic curve", _interval(held_out["logistic"]["closure"])])
+    return f"{table(rows, str.ljust)}\n\n{table(closed, str.ljust)}"
+
+
+def waterfall_steps(content: Mapping[str, Any]) -> list[tuple[str, str | None, Mapping[str, Any]]]:
+    """Label, cause (None: the first step has none) and loss of each step."""
+    steps, before = [], set()
+    for step in content["held_out"]["waterfall"]:
+        new = next((name for name in step["causes"] if name not in before), None)
+        before = set(step["causes"])
+        steps.append((f"with {new}" if new else "less sure of itself", new, step["loss"]))
+    return steps
 
 
 def _scores(content: Mapping[str, Any]) -> str:
     held_out = content["held_out"]
     rows = [["out of fold", *_SCORES.values()]]
-    for label, key in (("these causes", "scores"), ("logistic curve", "logistic")):
-        if held_out[key] is not None:
-            rows.append([label, *(_interval(held_out[key][name]) for name in _SCORES)])
+    given = [("these causes", held_out["scores"])]
+    if held_out["logistic"] is not None:
+        given.append(("logistic curve", held_out["logistic"]["scores"]))
+    for label, scores in given:
+        rows.append([label, *(_interval(scores[name]) for name in _SCORES)])
     return table(rows, str.ljust)
 
 

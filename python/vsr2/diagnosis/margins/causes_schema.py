@@ -1,0 +1,118 @@
+"""The form of `causes.json`, from which its JSON Schema is generated."""
+
+from __future__ import annotations
+
+from typing import Any, Literal
+
+from pydantic import Field
+
+from vsr2.diagnosis.margins.cause_space import NotJudged
+from vsr2.diagnosis.verdict.diagnosis_schema import Control, Controls, Estimate, SchemaPart, Share
+from vsr2.errors import Fault
+
+CAUSES_SCHEMA = "vsr2.causes/2"
+"""Form of causes.json."""
+Ends = tuple[float | None, float | None]
+
+
+class _Size(SchemaPart):
+    """With its 90 % interval; null: infinite."""
+
+    mean: float | None
+    interval: Ends
+
+
+class _Parameter(_Size):
+    unit: str
+
+
+class _Cause(SchemaPart):
+    """Parameters are given that the effect acts; none: it acts in no sample."""
+
+    name: str
+    acts: Share
+    parameters: dict[str, _Parameter]
+
+
+class _Together(SchemaPart):
+    names: list[str]
+    probability: Share
+
+
+class _Scatter(SchemaPart):
+    motion: _Size
+    trial: _Size
+
+
+class _Emulator(SchemaPart):
+    """`used` of the scenes; errors are null where margins are equal in all of them."""
+
+    scenes: int
+    used: int
+    spread: float | None
+    error: float | None
+    error_over_expected: float | None
+    noise: float
+
+
+class _Loss(SchemaPart):
+    loss: Estimate
+
+
+class _Step(Control):
+    causes: list[str]
+
+
+class _CauseShare(SchemaPart):
+    loss: Estimate
+    of_gap: Estimate
+
+
+class _Logistic(Control):
+    scores: dict[str, Estimate]
+    loss_above_all: Estimate
+
+
+class _HeldOut(SchemaPart):
+    """Losses a trial [nat] on motions that were not seen."""
+
+    as_it_is: _Loss
+    waterfall: list[_Step]
+    all: Control
+    floor: _Loss
+    controls: Controls
+    beyond_controls: Estimate
+    shares: dict[str, _CauseShare]
+    scores: dict[str, Estimate]
+    logistic: _Logistic | None
+
+
+class _Causes(SchemaPart):
+    """The causes of a campaign's outcomes, several at once."""
+
+    form: Literal["vsr2.causes/2"] = Field(alias="schema")
+    campaign: str
+    trials: int
+    motions: int
+    causes: list[_Cause]
+    named: list[str]
+    together: list[_Together]
+    log_evidence: float
+    motion_stronger_by: _Size
+    scatter: _Scatter
+    emulator: _Emulator
+    held_out: _HeldOut
+    corrected: dict[str, dict[str, float]]
+    not_judged: dict[str, NotJudged]
+    excluded: list[str]
+    unavailable: dict[str, Fault]
+    provenance: dict[str, Any]
+
+
+def causes_schema() -> dict[str, Any]:
+    """The JSON Schema of `causes.json`."""
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "$id": CAUSES_SCHEMA,
+        **_Causes.model_json_schema(),
+    }

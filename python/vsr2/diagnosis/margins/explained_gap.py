@@ -1,0 +1,147 @@
+"""The gap of the scene as it is, and what causes take off it on motions that were not seen."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.analysis import logistic_baseline
+from vsr2.analysis.intervals import INTERVALS
+from vsr2.analysis.probability import outcome_loss, probability_intervals
+from vsr2.campaign import Campaign, intensity_measures
+from vsr2.diagnosis.how_far.ensemble_losses import (
+    Ensemble,
+    LossInterval,
+    floor_loss,
+    interval,
+    resampled_means,
+    share_of_gap,
+)
+from vsr2.diagnosis.how_far.held_out import HELD_OUT, Loss
+from vsr2.diagnosis.how_far.negative_controls import (
+    recalibrated,
+    with_change_of,
+    wrong_partners,
+)
+from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, HeldOutCauses
+from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
+from vsr2.diagnosis.simulated.simulator import Request
+from vsr2.errors import CampaignError, MotionError, ResultError
+
+Array = NDArray[np.float64]
+
+
+def simulate_as_it_is(
+    cache: SimulationCache, trials: int, *, progress: Progress | None = None
+) -> Ensemble:
+    """Each trial in the scene as it is, under several draws of the nuisances.
+
+    The first of a diagnosis (`HeldOutConstants.members`), which a cache shares with it.
+    """
+    members = HELD_OUT.members
+    requests = [
+        Request(trial, (), draw, 1) for draw in range(1, members + 1) for trial in range(trials)
+    ]
+    found = cache.run(requests, progress=progress)
+    return Ensemble(found.overturned.reshape(members, trials), np.zeros((members, trials, 0)))
+
+
+def explained_gap(
+    judged: HeldOutCauses, as_it_is: Ensemble, used: Campaign, seed: int
+) -> dict[str, Any]:
+    """Losses of motions that were not seen: the waterfall, shares, controls, and scores.
+
+    Args:
+        judged: with causes.
+        as_it_is: the scene without them.
+        used: the campaign, all outcomes known.
+        seed: of draws.
+    """
+    curve = _logistic(used, seed)
+    losses, steps = _losses(judged, as_it_is, used, seed), _steps(judged)
+    for cause in judged.causes:
+        losses[f"share {cause}"] = judged.share(cause)
+    if curve is not None:
+        losses["logistic"] = outcome_loss(curve, used.overturned)
+    values = np.stack(list(losses.values()))
+    motion = np.unique(np.asarray(used.motion_ids), return_inverse=True)[1]
+    drawn = resampled_means(values, motion, replicates=INTERVALS.replicates)
+    means = dict(zip(losses, np.vstack([values.mean(axis=1), drawn]).T, strict=True))
+    before, after = means[Loss.BEFORE], means[Loss.AFTER]
+    gap = before - means[Loss.FLOOR]
+    better = np.min([before, means[Loss.RECALIBRATED], means[Loss.DEALT]], axis=0)
+
+    def closes(model: Array) -> dict[str, Any]:
+        return {
+            "loss": interval(model).to_json(),
+            "closure": share_of_gap(before - model, gap).to_json(),
+        }
+
+    return {
+        "as_it_is": {"loss": interval(before).to_json()},
+        "waterfall": [{"causes": sorted(step)} | closes(means[_label(step)]) for step in steps],
+        "all": closes(after),
+        "floor": {"loss": interval(means[Loss.FLOOR]).to_json()},
+        "controls": {one.value: closes(means[one]) for one in (Loss.RECALIBRATED, Loss.DEALT)},
+        "beyond_controls": share_of_gap(better - after, gap).to_json(),
+        "shares": {
+            cause: {
+                "loss": interval(means[f"share {cause}"]).to_json(),
+                "of_gap": share_of_gap(means[f"share {cause}"], gap).to_json(),
+            }
+            for cause in judged.causes
+        },
+        "scores": _scores(judged.everything, used, seed),
+        "logistic": None if curve is None else {
+            "scores": _scores(curve, used, seed),
+            **closes(means["logistic"]),
+            "loss_above_all": interval(means["logistic"] - after).to_json(),
+        },
+    }  # fmt: skip
+
+
+def _steps(judged: HeldOutCauses) -> list[frozenset[str]]:
+    return [frozenset(judged.causes[:k]) for k in range(len(judged.causes) + 1)]
+
+
+def _label(step: frozenset[str]) -> str:
+    return "with " + " ".join(sorted(step))
+
+
+def _losses(
+    judged: HeldOutCauses, as_it_is: Ensemble, used: Campaign, seed: int
+) -> dict[str, Array]:
+    """Of each trial, by whose they are, shapes (trials,)."""
+    before, outcome = as_it_is.probability, np.asarray(used.overturned)
+    log_pga_g = np.log(intensity_measures(used).pga_g)
+    dealt = [
+        outcome_loss(with_change_of(before, judged.everything, partner), outcome)
+        for partner in wrong_partners(log_pga_g, seed)
+    ]
+    return {
+        Loss.BEFORE: outcome_loss(before, outcome),
+        Loss.AFTER: judged.everything_loss(),
+        Loss.RECALIBRATED: outcome_loss(recalibrated(before, outcome, judged.fold), outcome),
+        Loss.DEALT: np.mean(dealt, axis=0),
+        Loss.FLOOR: floor_loss(as_it_is),
+        **{_label(step): judged.loss(step) for step in _steps(judged)},
+    }
+
+
+def _scores(probability: Array, used: Campaign, seed: int) -> dict[str, Any]:
+    found = probability_intervals(used.overturned > 0, probability, used.motion_ids, seed=seed)
+    return {
+        name: LossInterval(one.value, one.low, one.high).to_json() for name, one in found.items()
+    }
+
+
+def _logistic(used: Campaign, seed: int) -> Array | None:
+    """Probability by the curve without physics, out of fold; None where there is none."""
+    folds = min(HELD_OUT_CAUSES.folds, len(set(used.motion_ids)))
+    try:
+        curve = logistic_baseline(used, folds=folds, seed=seed)
+    except (CampaignError, MotionError, ResultError):
+        return None
+    return np.asarray(curve.out_of_fold) if curve.used.all() else None
