@@ -37,8 +37,9 @@ FastRefusal fast_refusal(const Scene& scene) {
   if (pedestal.parts.size() != 1 || !std::holds_alternative<BoxPart>(only_part(pedestal.parts)))
     return FastRefusal::pedestal_not_a_box;
   if (!scene.engine().cone_friction) return FastRefusal::no_friction_cone;
-  if (rock.material["rolling_friction"] > 0 || pedestal.material["rolling_friction"] > 0)
-    return FastRefusal::rolling_friction;
+  for (std::size_t i = 0; i < kContactParameters.size(); ++i)
+    if (!kContactParameters[i].fast && (rock.material.all[i] > 0 || pedestal.material.all[i] > 0))
+      return FastRefusal::contact_parameter;
   if (!(scene.engine().collision_margin > 0) &&
       std::holds_alternative<HullPart>(only_part(rock.parts)))
     return FastRefusal::no_margin;

@@ -59,7 +59,8 @@ void bind_contact_values(py::module_& m, std::index_sequence<kIndex...>) {
       .def_property_readonly("greatest", [](const P& p) { return p.range.greatest; })
       .def_property_readonly("above", [](const P& p) { return p.range.above; }, "Whether the least is left out.")
       .def_readonly("original", &P::original, "Value of the original system.")
-      .def_readonly("usual", &P::usual, "Value of a study that gives none.");
+      .def_readonly("usual", &P::usual, "Value of a study that gives none.")
+      .def_readonly("fast", &P::fast, "Whether the engine `fast` has it; without, it takes 0 alone.");
   m.def("contact_parameters", [] {
     return std::vector<ContactParameter>(kContactParameters.begin(), kContactParameters.end());
   });
@@ -84,7 +85,7 @@ void bind_engine(py::module_& m) {
                           {"several_parts", FastRefusal::several_parts},
                           {"pedestal_not_a_box", FastRefusal::pedestal_not_a_box},
                           {"no_friction_cone", FastRefusal::no_friction_cone},
-                          {"rolling_friction", FastRefusal::rolling_friction},
+                          {"contact_parameter", FastRefusal::contact_parameter},
                           {"no_margin", FastRefusal::no_margin}});
   using E = EngineSettings;
   bind_record<E>(m, "EngineSettings", Field{"kind", &E::kind}, Field{"gravity", &E::gravity},

@@ -356,7 +356,7 @@ TEST(FastWorld, NamesWhatItDoesNotTake) {
 
   RockSpec rolling = hull;
   rolling.material["rolling_friction"] = 0.1;
-  EXPECT_EQ(refusal({}, test::pedestal(), rolling), FastRefusal::rolling_friction);
+  EXPECT_EQ(refusal({}, test::pedestal(), rolling), FastRefusal::contact_parameter);
 
   EngineSettings bare;
   bare.collision_margin = 0;

@@ -35,6 +35,7 @@ struct ContactParameter {
   double original;  ///< value of the original system (Table S1)
   double usual;     ///< value of a study that gives none
   PairRule pair;
+  bool fast = true;  ///< whether the engine `fast` has it; without, it takes 0 alone
 };
 
 /// Names, units, ranges and defaults are those of a study, too (`Material` in config/study.py), which
@@ -43,7 +44,7 @@ inline constexpr std::array kContactParameters{
     ContactParameter{"restitution", "", kFraction, 0.35, 0.35, PairRule::product},
     ContactParameter{"lateral_friction", "", kNotNegative, 0.7, 0.7, PairRule::friction},
     ContactParameter{"spinning_friction", "m", kNotNegative, 0.5, 0.0, PairRule::lever},
-    ContactParameter{"rolling_friction", "m", kNotNegative, 0.0, 0.0, PairRule::lever},
+    ContactParameter{"rolling_friction", "m", kNotNegative, 0.0, 0.0, PairRule::lever, false},
     ContactParameter{"stiffness", "N/m", kPositive, 2.6e9, 2.6e9, PairRule::series},
     ContactParameter{"damping", "N s/m", kNotNegative, 1.0e7, 1.0e7, PairRule::sum},
 };

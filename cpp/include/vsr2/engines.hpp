@@ -34,7 +34,7 @@ enum class FastRefusal {
   several_parts,       ///< the rock has more than one convex part
   pedestal_not_a_box,
   no_friction_cone,
-  rolling_friction,
+  contact_parameter,   ///< one that `fast` has not is above 0 (kContactParameters)
   no_margin,           ///< a hull without collision margin
 };
 FastRefusal fast_refusal(const Scene& scene);

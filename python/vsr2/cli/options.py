@@ -9,7 +9,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Protocol, get_origin
 
 from cyclopts import Group, Parameter, Token
-from cyclopts.validators import mutually_exclusive
+
+from vsr2.cli.exclusive_options import one_of
 
 if TYPE_CHECKING:
     import distributed
@@ -102,7 +103,7 @@ class Again(Protocol):
         """Go on with it."""
 
 
-WHERE = Group("Where trials run (one of)", validator=mutually_exclusive)
+WHERE = Group("Where trials run (one of)", validator=one_of)
 
 
 @Parameter(name="*")

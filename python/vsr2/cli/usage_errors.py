@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-import re
+from difflib import get_close_matches
 
 from cyclopts import (
     CoercionError,
@@ -12,6 +12,8 @@ from cyclopts import (
     UnusedCliTokensError,
     ValidationError,
 )
+
+from vsr2.cli.exclusive_options import ExclusiveOptionsError
 
 NO_VALUE: dict[type, str] = {
     float: "is no number",
@@ -51,17 +53,16 @@ def _missing(error: MissingArgumentError) -> str | None:
         values = "a value" if count == 1 else f"{count} values"
         given = f", not {len(error.tokens_so_far)}" if error.tokens_so_far else ""
         return f"{error.keyword} takes {values}{given}"
-    near = re.search(r"instead of (\S+)\?$", str(error))
-    remedy = f"did you mean it by {near[1]}?" if near else "give it"
+    words = [word for word in error.unused_tokens or [] if word.startswith("-")]
+    near = get_close_matches(argument.name, words, n=1)
+    remedy = f"did you mean it by {near[0]}?" if near else "give it"
     return f"{argument.name} is missing; {remedy}"
 
 
 def _excluding(error: ValidationError) -> str | None:
     """Arguments of which a group allows one."""
-    found = re.search(r"exclusive arguments: \{(.+)\}", error.exception_message)
-    if found is None:
-        return None
-    return f"{found[1].replace(', ', ' and ')} exclude each other; give one of them"
+    cause = error.__cause__
+    return str(cause) if isinstance(cause, ExclusiveOptionsError) else None
 
 
 def _unnamed(error: CycloptsError, command: str) -> str | None:

@@ -7,17 +7,17 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, TypeAlias
 
 from cyclopts import App, Group, Parameter
-from cyclopts.validators import mutually_exclusive
 
 from vsr2.blind import PackSettings
 from vsr2.blind.form.pack_settings import ENGINES, KINDS, EngineName
 from vsr2.blind.pack_diagnoses import BUDGET as USUAL
 from vsr2.cli import options as opt
+from vsr2.cli.exclusive_options import one_of
 from vsr2.codes import Tier
 from vsr2.diagnosis import Budget, Execution
 
 verbs = App(name="blind")
-BUDGET = Group("Budget (one of)", validator=mutually_exclusive)
+BUDGET = Group("Budget (one of)", validator=one_of)
 
 
 def _pack() -> Any:

@@ -7,9 +7,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 from cyclopts import Group, Parameter
-from cyclopts.validators import mutually_exclusive
 
 from vsr2.cli import options as opt
+from vsr2.cli.exclusive_options import one_of
 from vsr2.codes import Tier
 from vsr2.errors import ConfigError
 
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from vsr2.config import Study
     from vsr2.diagnosis import Diagnosis, Execution, Hypotheses
 
-TIME = Group("Time (one of)", validator=mutually_exclusive)
+TIME = Group("Time (one of)", validator=one_of)
 
 
 @Parameter(name="*")

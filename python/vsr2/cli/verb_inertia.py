@@ -6,11 +6,11 @@ from pathlib import Path
 from typing import Annotated
 
 from cyclopts import Group, Parameter
-from cyclopts.validators import mutually_exclusive
 
+from vsr2.cli.exclusive_options import one_of
 from vsr2.cli.options import Json, print_json
 
-HEAVINESS = Group("How heavy (one of)", validator=mutually_exclusive)
+HEAVINESS = Group("How heavy (one of)", validator=one_of)
 
 
 def inertia(

@@ -20,11 +20,12 @@ from vsr2.scene import Box, Hull, Scene, Triangles
 MAX_NATIVE_SCENES = 64
 """Native scenes kept by this process; those of one mesh share its points."""
 
+_NOT_FAST = [one.name for one in _native.contact_parameters() if not one.fast]
 FAST_REFUSALS: Mapping[_native.FastRefusal, str] = {
+    _native.FastRefusal.contact_parameter: f"its contact has {' or '.join(_NOT_FAST)}",
     _native.FastRefusal.no_friction_cone: "its friction is no cone",
     _native.FastRefusal.no_margin: "its shapes have no margin",
     _native.FastRefusal.pedestal_not_a_box: "its pedestal is not a box",
-    _native.FastRefusal.rolling_friction: "its contact has rolling friction",
     _native.FastRefusal.several_parts: "its rock has several parts",
 }
 """Why `fast` does not take a scene."""
