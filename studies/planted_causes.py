@@ -52,7 +52,7 @@ def main() -> None:
     with SimulationCache(simulator, options.cache / SIMULATIONS) as cache:
         scenes = simulate_scenes(cache, space, campaign.overturned > 0, motions, options.scenes)
     usable = np.isfinite(scenes.margins).mean(axis=1) >= 0.5
-    from_prior = (np.arange(len(scenes)) < SCENES.ends(options.scenes)[0])[usable]
+    from_prior = (np.arange(len(scenes)) < SCENES.at_random(options.scenes))[usable]
     known = scenes.known()
     emulator = known.emulator(space)
     covariance = np.linalg.inv(emulator.inverse)

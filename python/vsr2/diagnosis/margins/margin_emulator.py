@@ -10,7 +10,7 @@ effects matter little: weights have an exponential prior.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,6 +83,26 @@ class MarginEmulator:
         explained = ((crossed @ self.inverse) * crossed).sum(axis=1)
         variance = np.maximum(own - explained, 0.0) + self.noise**2
         return self.centre + crossed @ (self.inverse @ self.deviations), variance
+
+    def knowing(self, features: Array) -> MarginEmulator:
+        """With one more scene, whose margins are those it expects: its variances are then right.
+
+        Args:
+            features: of the scene, shape (features,).
+        """
+        new = features * self.weights
+        crossed = self._kernel(self.scenes @ new)
+        own = self._kernel(new @ new) + self.noise**2
+        covariance = np.block(
+            [[np.linalg.inv(self.inverse), crossed[:, None]], [crossed[None], own[None, None]]]
+        )
+        expected = crossed @ (self.inverse @ self.deviations)
+        return replace(
+            self,
+            scenes=np.vstack([self.scenes, new]),
+            inverse=np.linalg.inv(covariance),
+            deviations=np.vstack([self.deviations, expected]),
+        )
 
     def left_out(self) -> tuple[Array, Array]:
         """Errors of each scene's margins without it, and their standard deviations.

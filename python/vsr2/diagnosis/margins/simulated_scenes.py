@@ -13,7 +13,7 @@ from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.cause_space import Acts, CauseSpace, draw_scene
 from vsr2.diagnosis.margins.margin_emulator import MarginEmulator, fit_emulator
 from vsr2.diagnosis.margins.margin_search import SEARCH, scene_margins
-from vsr2.diagnosis.margins.outcome_model import OutcomeModel, emulated_nuisances
+from vsr2.diagnosis.margins.outcome_model import OutcomeModel, Particles, emulated_nuisances
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.errors import DiagnosisError
@@ -28,23 +28,30 @@ class SceneConstants:
     Attributes:
         usual: number of scenes where none is asked for: about an hour on two cores for 300 trials
             of a scanned rock.
-        prior: share of the scenes that come from the prior.
+        prior: share of the scenes that are drawn at random.
+        unknown: share of those that are chosen where the emulator knows least.
         rounds: in which the others come from the posterior of the time.
+        candidates: draws of the prior of what acts, of which each of the unknown is one.
         least: scenes that an emulator needs.
         known: share of the trials whose margin a scene must have to be used.
     """
 
     usual: int = 112
     prior: float = 4 / 7
-    rounds: int = 3
+    unknown: float = 3 / 14
+    rounds: int = 2
+    candidates: int = 2000
     least: int = 24
     known: float = 0.5
 
+    def at_random(self, scenes: int) -> int:
+        """Number of scenes that are drawn at random."""
+        return max(round(self.prior * scenes), min(self.least, scenes))
+
     def ends(self, scenes: int) -> list[int]:
-        """Number of scenes after the prior's, and after each round."""
-        first = max(round(self.prior * scenes), min(self.least, scenes))
-        steps = np.linspace(first, scenes, self.rounds + 1)
-        return sorted({round(float(step)) for step in steps})
+        """Number of scenes after those whose margins were unknown, and after each round."""
+        first = max(round((self.prior + self.unknown) * scenes), self.at_random(scenes))
+        return [round(float(end)) for end in np.linspace(first, scenes, self.rounds + 1)]
 
 
 SCENES = SceneConstants()
@@ -111,11 +118,14 @@ def simulate_scenes(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> SimulatedScenes:
-    """Margins of scenes of the prior, then of scenes in which the outcomes are likely.
+    """Margins of scenes at random, then of such as are unknown, then of such as are likely.
 
-    An emulator is needed where the posterior lies, and there alone: the posterior of what is known
-    says where to simulate next (history matching; I. Vernon, M. Goldstein, R. G. Bower, "Galaxy
-    formation: a Bayesian uncertainty analysis", Bayesian Analysis 5, 2010).
+    A cause whose margins the emulator does not know seems unlikely, however well it would explain
+    the outcomes. So scenes come first in which some effects act whose margins are least known (D.
+    J. C. MacKay, "Information-based objective functions for active data selection", Neural
+    Computation 4, 1992). Then the posterior of what is known says where to simulate next (history
+    matching; I. Vernon, M. Goldstein, R. G. Bower, "Galaxy formation: a Bayesian uncertainty
+    analysis", Bayesian Analysis 5, 2010).
 
     Args:
         cache: of simulations.
@@ -130,35 +140,59 @@ def simulate_scenes(
     Raises:
         DiagnosisError: simulations fail in all scenes.
     """
-    ends = SCENES.ends(count)
-    pilot = min(SEARCH.pilot, ends[0])
+    random, ends = SCENES.at_random(count), SCENES.ends(count)
+    pilot = min(SEARCH.pilot, random)
     done = _Simulating(cache, space, count, progress)
-    first = [draw_scene(space, row, seed) for row in range(ends[0])]
+    first = [draw_scene(space, row, seed) for row in range(random)]
     points = np.stack([point for point, _ in first])
     acts = np.stack([acting for _, acting in first])
     found = done.run(points[:pilot], acts[:pilot], np.zeros((pilot, overturned.size)))
     guess = _median(found.margins)
-    rest = ends[0] - pilot
+    rest = random - pilot
     if rest:
         found = found.joined(done.run(points[pilot:], acts[pilot:], np.tile(guess, (rest, 1))))
-    for start, stop in pairwise(ends):
+    for start, stop in pairwise([random, *ends]):
+        if start == stop:
+            continue
         rng = np.random.default_rng([seed, MarginStream.ROUNDS, start])
         emulator = found.known().emulator(space)
-        nuisances = found.nuisances.shape[1]
-        model = OutcomeModel(space, emulator, overturned, motions, nuisances, allowed)
-        drawn = sample_posterior(model, np.arange(overturned.size), rng).particles
-        few = stop - start > len(drawn)
-        drawn = drawn.taken(rng.choice(len(drawn), stop - start, replace=few))
-        expected = model.emulator(
-            np.hstack(
-                [
-                    space.features(drawn.points, drawn.acts[:, :-1]),
-                    emulated_nuisances(done.nuisances(start, stop)),
-                ]
-            )
-        )[0]
-        found = found.joined(done.run(drawn.points, drawn.acts[:, :-1], expected))
+        nuisances = done.nuisances(start, stop)
+        model = OutcomeModel(
+            space, emulator, overturned, motions, nuisances.shape[1], allowed
+        )  # fmt: skip
+        if start == random:
+            chosen = _least_known(model, nuisances, rng)
+        else:
+            drawn = sample_posterior(model, np.arange(overturned.size), rng).particles
+            few = stop - start > len(drawn)
+            chosen = drawn.taken(rng.choice(len(drawn), stop - start, replace=few))
+        expected = emulator(_features(model, chosen, nuisances))[0]
+        found = found.joined(done.run(chosen.points, chosen.acts[:, :-1], expected))
     return found
+
+
+def _features(model: OutcomeModel, chosen: Particles, nuisances: Array) -> Array:
+    """Of scenes under given nuisances, shape (n, features)."""
+    features = model.space.features(chosen.points, chosen.acts[:, :-1])
+    return np.hstack([features, emulated_nuisances(nuisances)])
+
+
+def _least_known(model: OutcomeModel, nuisances: Array, rng: np.random.Generator) -> Particles:
+    """Of draws of the prior those that an emulator knows least, one after another.
+
+    Args:
+        model: of outcomes.
+        nuisances: of each scene, shape (n, q).
+        rng: of the draws.
+    """
+    drawn = model.draw(SCENES.candidates, rng)
+    emulator, rows = model.emulator, []
+    for own in nuisances:
+        features = _features(model, drawn, np.tile(own, (len(drawn), 1)))
+        row = int(emulator(features)[1].argmax())
+        emulator = emulator.knowing(features[row])
+        rows.append(row)
+    return drawn.taken(np.array(rows))
 
 
 def _median(margins: Array) -> Array:
