@@ -25,6 +25,7 @@ from vsr2.diagnosis.margins.outcome_model import (
     acting_share,
     emulated_nuisances,
 )
+from vsr2.diagnosis.margins.simulated_scenes import _least_known
 from vsr2.effects import library
 
 # --- coordinates ----------------------------------------------------------------------------------
@@ -188,6 +189,49 @@ def test_errors_of_scenes_left_out_are_those_of_a_fit_without_them() -> None:
     np.testing.assert_allclose(errors[3], whole.deviations[3] - expected, atol=1e-9)
     variance = covariance[3, 3] - crossed @ inverse @ crossed
     assert deviation[3] == pytest.approx(np.sqrt(variance))
+
+
+def test_a_scene_to_come_is_known_without_its_margins() -> None:
+    """Variances of a Gaussian process rest on where it was asked alone, not on what it heard."""
+    rng = np.random.default_rng(7)
+    features = rng.uniform(-1, 1, (12, 2))
+    whole = fit_emulator(features, quadratic(features) + 0.05 * rng.standard_normal((12, 3)))
+    before = replace(
+        whole,
+        scenes=whole.scenes[:-1],
+        inverse=np.linalg.inv(np.linalg.inv(whole.inverse)[:-1, :-1]),
+        deviations=whole.deviations[:-1],
+    )
+    after = before.knowing(features[-1])
+    elsewhere = rng.uniform(-2, 2, (20, 2))
+    np.testing.assert_allclose(after(elsewhere)[1], whole(elsewhere)[1], rtol=1e-6)
+    np.testing.assert_allclose(after(elsewhere)[0], before(elsewhere)[0], atol=1e-8)
+    assert after(features[-1:])[1][0] < before(features[-1:])[1][0]
+
+
+def test_scenes_are_chosen_where_the_emulator_knows_least() -> None:
+    """It has seen slenderness alone, and friction never: scenes with friction come."""
+    model = toy([True, False, True, False], ["a", "a", "b", "b"])
+    rng = np.random.default_rng(3)
+    points, nuisances = model.space.draw(30, rng), rng.standard_normal((30, 1))
+    acts = np.tile([True, False], (30, 1))
+    features = np.hstack([model.space.features(points, acts), emulated_nuisances(nuisances)])
+    margins = 0.5 * features[:, :1] + np.linspace(-0.4, 0.4, 4)
+    emulator = fit_emulator(features, margins)
+    weights = np.full_like(emulator.weights, 0.3)
+    emulator = replace(
+        emulator, weights=weights, scenes=features * weights,
+        inverse=np.linalg.inv(
+            emulator._kernel((features * weights) @ (features * weights).T)
+            + emulator.noise**2 * np.eye(30)
+        ),
+    )  # fmt: skip
+    model = replace(model, emulator=emulator)
+    chosen = _least_known(model, rng.standard_normal((6, 1)), rng)
+    assert chosen.acts[:3, 1].all()
+    assert model.prior[1] < 0.7
+    rows = np.round(chosen.points[:4], 12)
+    assert len(np.unique(rows, axis=0)) == 4, "what has been chosen is known"
 
 
 def test_the_gradient_of_the_emulator_s_loss() -> None:
