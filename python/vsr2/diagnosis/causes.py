@@ -35,7 +35,7 @@ from vsr2.diagnosis.margins.acting_posterior import SAMPLER, Posterior, sample_p
 from vsr2.diagnosis.margins.cause_space import CAUSES, NotJudged, cause_space, not_judged
 from vsr2.diagnosis.margins.causes_schema import CAUSES_SCHEMA
 from vsr2.diagnosis.margins.explained_gap import explained_gap, simulate_as_it_is
-from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, judge_causes
+from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, HeldOutCauses, judge_causes
 from vsr2.diagnosis.margins.margin_emulator import EMULATOR
 from vsr2.diagnosis.margins.margin_search import SEARCH
 from vsr2.diagnosis.margins.outcome_model import (
@@ -232,11 +232,7 @@ def find_causes(
     posterior = sample_posterior(model, np.arange(len(used)), rng, particles=SAMPLER.final)
     acting = acting_share(posterior.particles, model.names)
     likeliest = sorted(model.looked_for, key=lambda name: -acting[name])
-    judged = judge_causes(
-        model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
-        threads=execution.threads or os.cpu_count() or 1,
-        progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
-    )  # fmt: skip
+    judged = _judged_held_out(model, likeliest, execution, seed)
     rows = [_cause(model, posterior.particles, name, acting[name]) for name in likeliest]
     corrected, stated = _corrected(study, rows)
     work |= {"seed": seed, "left_out": len(given) - len(used)}
@@ -259,6 +255,17 @@ def find_causes(
     if folder is not None:
         result.save(folder)
     return result
+
+
+def _judged_held_out(
+    model: OutcomeModel, likeliest: Sequence[str], execution: Execution, seed: int
+) -> HeldOutCauses:
+    """Losses with choices of the likeliest causes, on motions they were not inferred from."""
+    return judge_causes(
+        model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
+        threads=execution.threads or os.cpu_count() or 1,
+        progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
+    )  # fmt: skip
 
 
 def _not_looked_for(simulator: SceneSimulator, names: Collection[str]) -> dict[str, Any]:
