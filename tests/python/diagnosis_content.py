@@ -47,7 +47,7 @@ NONE_CAN_BE = {"value": None, "ci95": None}
 GAP = {"code": "gap", "values": {"none": 0.01, "limit": 0.3}}
 
 LOW_PGA = location(
-    {"pga": "low"}, "outcome", "outcome", "whole response", 0.9, 0.004,
+    {"pga": "low"}, "outcome", "outcome", "whole_response", 0.9, 0.004,
     concentration=2.4, trials=["A", "B"],
 )  # fmt: skip
 
@@ -77,11 +77,11 @@ CONTENT = {
     },
     "where": [
         LOW_PGA,
-        location({}, "outcome", "outcome", "whole response", 0.6, 0.01),
+        location({}, "outcome", "outcome", "whole_response", 0.6, 0.01),
         location(
-            {"pga": "high"}, "outcome", "outcome", "whole response", 0.5, 0.02, concentration=1.4
+            {"pga": "high"}, "outcome", "outcome", "whole_response", 0.5, 0.02, concentration=1.4
         ),
-        location({}, "largest_tilt", "tilt", "strong shaking", -0.3, 0.5),
+        location({}, "largest_tilt", "tilt", "strong_shaking", -0.3, 0.5),
     ],
     "verdict": {
         "kind": "effect",

@@ -271,6 +271,7 @@ WORDED = {
     "LimitCode": verdicts._SECTIONS["limits"],
     "LocationKind": verdicts._SECTIONS["locations"],
     "NotKept": ros2_import.IMPORT_NOTES,
+    "Phase": verdicts._SECTIONS["phases"],
     "ReasonCode": verdicts._SECTIONS["reasons"],
     "SceneNote": data.SCENE_NOTES,
     "ScoreCode": scores.SCORES,
@@ -281,7 +282,7 @@ WORDED = {
 SHOWN_BY_NAME = {
     "BudgetState", "Drive", "EffectAxis", "EngineKind", "EngineName", "FastRefusal",
     "FeatureChannel", "GapState", "HandOver", "Kind", "LocationAxis", "Loss", "MeasurementKind",
-    "Objective", "Outcome", "Phase", "PredictedBy", "Scope", "Third",
+    "Objective", "Outcome", "PredictedBy", "Scope", "Third",
 }  # fmt: skip
 """Enumerations whose members are words of files and tables, or choose between sentences."""
 ELSEWHERE = {"Code", "FitNote", "NoBaselines", "Status"}
