@@ -43,7 +43,7 @@ NUISANCES = ("width", "depth", "height", "energy_ratio", "friction")
 
 
 @dataclass(frozen=True)
-class Row:
+class DesignTrial:
     """One trial of a design.
 
     Attributes:
@@ -68,7 +68,7 @@ class Protocol:
         displacement_noise, acceleration_noise: of the records [m], [m/s^2].
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[DesignTrial, ...]
     motions: tuple[GroundMotion, ...]
     records: dict[str, Record]
     displacement_noise: float
@@ -199,7 +199,7 @@ def draw_design(
     trials: int,
     motions: int,
     sessions: int,
-) -> list[Row]:
+) -> list[DesignTrial]:
     """A campaign in the order of execution.
 
     A random part of the catalogue is used; each motion is run in two blocks of rising PGA in a
@@ -229,6 +229,6 @@ def draw_design(
                 blocks.append(block)
     order = [entry for i in rng.permutation(len(blocks)) for entry in blocks[i]]
     return [
-        Row(motion, pga, min(sessions - 1, i * sessions // len(order)))
+        DesignTrial(motion, pga, min(sessions - 1, i * sessions // len(order)))
         for i, (motion, pga) in enumerate(order)
     ]

@@ -28,7 +28,7 @@ from vsr2.blind.custodian.measurements import Measurements
 from vsr2.blind.custodian.pack_constants import pack_constants
 from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
-from vsr2.blind.custodian.steps import ENTRY, State, Steps, numbers, read_back
+from vsr2.blind.custodian.steps import ENTRY, PackState, Steps, numbers, read_back
 from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.pack_form import EffectAxis, tiers_made
 from vsr2.blind.form.pack_settings import Kind, PackSettings
@@ -275,7 +275,7 @@ def _begin(
                 f"{path}: was begun with another {', '.join(differs)}; continue it with the same, "
                 "or choose other folders"
             )
-        parsed(State, state, str(path))
+        parsed(PackState, state, str(path))
         if (data / PACK_FILE).exists() and not (key / KEY_FILE).exists():
             raise BlindError(f"{key}: the pack is finished but {KEY_FILE} is gone")
         return state
