@@ -182,7 +182,9 @@ def named_throughout(name: str) -> Diagnosis:
     repetition = {"trial": name, "information_per_repeat": 1.0, "repeats": 1}
     measure = CONTENT["next_measurement"] | {"repetition": repetition, "splits": [name, "wear"]}
     measure["others"] = [{"name": name, "instrument": "slack", "repetition": repetition}]
-    there = location({"pga": name, "pgv_pga": name}, name, name, name, 0.6, 0.01, trials=[name])
+    there = location(
+        {"pga": name, "pgv_pga": name}, name, name, "whole_response", 0.6, 0.01, trials=[name]
+    )
     measure["out_of_library"] = {"trial": name, "tier": "M", "location": there}
     content = CONTENT | {
         "campaign": CONTENT["campaign"] | {"name": name, "tier": name},

@@ -322,6 +322,8 @@ def test_a_code_without_a_sentence_is_named_with_the_place_to_add_it() -> None:
 def test_a_code_of_another_version_is_refused_with_its_remedy() -> None:
     with pytest.raises(ResultError, match="'fap' is none of the limits that this version words"):
         sentence({"code": "fap", "values": {}})
+    with pytest.raises(ResultError, match="'free decay' is none of the phases that this version"):
+        verdicts.phase("free decay")
 
 
 def test_events_are_worded_briefly() -> None:
