@@ -31,7 +31,7 @@ from vsr2.diagnosis.corrected import (
 )
 from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
 from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
-from vsr2.diagnosis.margins.acting_posterior import SAMPLER, Posterior, sample_posterior
+from vsr2.diagnosis.margins.acting_posterior import SAMPLER, ActingPosterior, sample_posterior
 from vsr2.diagnosis.margins.cause_space import CAUSES, NotJudged, cause_space, not_judged
 from vsr2.diagnosis.margins.causes_schema import CAUSES_SCHEMA
 from vsr2.diagnosis.margins.explained_gap import explained_gap, simulate_as_it_is
@@ -378,7 +378,7 @@ def _stronger(model: OutcomeModel, particles: Particles) -> dict[str, Any]:
 
 
 def _inferred(
-    model: OutcomeModel, posterior: Posterior, rows: list[dict[str, Any]]
+    model: OutcomeModel, posterior: ActingPosterior, rows: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """What the outcomes of all trials tell."""
     particles = posterior.particles

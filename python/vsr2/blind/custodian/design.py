@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.custodian.engine import Engine, Nuisances, TrialInput
+from vsr2.blind.custodian.engine import Nuisances, PackEngine, TrialInput
 from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.mujoco import GroundMotion, TrialContext, ground_motion
@@ -178,7 +178,7 @@ def catalogue(seed: int, count: int) -> list[GroundMotion]:
     ]
 
 
-def overturning_acceleration(engine: Engine, motion: GroundMotion) -> float:
+def overturning_acceleration(engine: PackEngine, motion: GroundMotion) -> float:
     """About the peak acceleration at which the nominal body overturns in this motion [m/s^2].
 
     The outcome is no monotonic function of PGA near there: the first of steps of 12 % from the

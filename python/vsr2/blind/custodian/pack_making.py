@@ -23,7 +23,7 @@ from vsr2.blind.custodian.design import (
     overturning_acceleration,
 )
 from vsr2.blind.custodian.detection_limit import RULES
-from vsr2.blind.custodian.engine import Engine, build_engine
+from vsr2.blind.custodian.engine import PackEngine, build_engine
 from vsr2.blind.custodian.measurements import Measurements
 from vsr2.blind.custodian.pack_constants import pack_constants
 from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
@@ -198,7 +198,7 @@ def _check_asked(pack: Path, data: Path, key: Path, seed: int | None) -> None:
 
 
 def _allowed(
-    engines: Mapping[str, Engine], settings: PackSettings
+    engines: Mapping[str, PackEngine], settings: PackSettings
 ) -> dict[str, dict[str, Drawable]]:
     """The effects that may be drawn, by engine and name."""
     out = {}
@@ -223,7 +223,7 @@ def _allowed(
 
 def _drawn_engines(
     study: Study, settings: PackSettings, seed: int
-) -> tuple[dict[str, Engine], ContactModel]:
+) -> tuple[dict[str, PackEngine], ContactModel]:
     """The engines of a pack, with a contact model that no other pack of the other kind has."""
     rng = pack_generator(seed, PackStream.CONTACT)
     contact = draw_contact(rng, development=settings.development)
@@ -342,7 +342,7 @@ def _prepare(study: Study, settings: PackSettings, data: Path, key: Path) -> Non
 def _campaign(
     data: Path,
     planned: Planned,
-    engine: Engine,
+    engine: PackEngine,
     protocol: Protocol,
     settings: PackSettings,
     seed: int,
@@ -430,7 +430,7 @@ def _seal(
     key: Path,
     state: Mapping[str, Any],
     settings: PackSettings,
-    engines: Mapping[str, Engine],
+    engines: Mapping[str, PackEngine],
     limits: Limits,
     entries: dict[str, Any],
     contact: ContactModel,

@@ -26,7 +26,7 @@ from vsr2.diagnosis.simulated.library import (
     value_at,
 )
 from vsr2.effects import Circumstances, Effect, Parameter
-from vsr2.effects.order import Step
+from vsr2.effects.order import StepEffect
 
 Array = NDArray[np.float64]
 _AT = "at"
@@ -233,7 +233,7 @@ def session_steps(
     known = {(space.names[one.effect], one.parameter.name) for one in space.coordinates}
     names = []
     for name, effect in space.library.items():
-        if not isinstance(effect, Step) or name in exclude:
+        if not isinstance(effect, StepEffect) or name in exclude:
             continue
         stepped = _primary(effect)
         if stepped and all(one in known or one[0] == GAIN for one in stepped):
