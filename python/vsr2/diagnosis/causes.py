@@ -30,11 +30,10 @@ from vsr2.diagnosis.corrected import (
     write_scenes,
 )
 from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
+from vsr2.diagnosis.how_far.explained_gap import explained_gap, simulate_as_it_is
 from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
 from vsr2.diagnosis.margins.acting_posterior import SAMPLER, ActingPosterior, sample_posterior
 from vsr2.diagnosis.margins.cause_space import CAUSES, NotJudged, cause_space, not_judged
-from vsr2.diagnosis.margins.causes_schema import CAUSES_SCHEMA
-from vsr2.diagnosis.margins.explained_gap import explained_gap, simulate_as_it_is
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, HeldOutCauses, judge_causes
 from vsr2.diagnosis.margins.margin_emulator import EMULATOR
 from vsr2.diagnosis.margins.margin_search import SEARCH
@@ -55,6 +54,7 @@ from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.library import GAIN, free_parameters, is_angle, sides
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
+from vsr2.diagnosis.verdict.causes_schema import CAUSES_SCHEMA
 from vsr2.diagnosis.verdict.compose import unrolled
 from vsr2.effects import Parameter
 from vsr2.errors import ConfigError, DiagnosisError
