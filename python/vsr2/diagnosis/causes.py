@@ -43,7 +43,7 @@ from vsr2.diagnosis.margins.outcome_model import (
     Particles,
     acting_share,
 )
-from vsr2.diagnosis.margins.session_steps import session_steps
+from vsr2.diagnosis.margins.session_steps import STEP_TABLE, session_steps
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.pipeline import Progress, Stage
@@ -485,6 +485,7 @@ def causes_constants() -> dict[str, dict[str, Any]]:
     """Tuned numbers that causes rest on, by what they are of."""
     return {
         "cause_space": asdict(CAUSES),
+        "step_table": asdict(STEP_TABLE),
         "margin_search": asdict(SEARCH),
         "scenes": asdict(SCENES),
         "emulator": asdict(EMULATOR),
