@@ -20,7 +20,7 @@ from typing import Any
 from pydantic import TypeAdapter
 
 from vsr2.analysis.intervals import Score
-from vsr2.blind.form.diagnosis_form import Verdict
+from vsr2.blind.form.diagnosis_form import ReportedVerdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import commitment, write_json
 from vsr2.blind.scoring.cases import Case, case_of
@@ -34,7 +34,7 @@ from vsr2.results.atomic import csv_text
 
 SCHEMA = "vsr2.blind-verdicts/2"
 RECORD = "record.json.gz"
-_VERDICT = TypeAdapter(Verdict)
+_VERDICT = TypeAdapter(ReportedVerdict)
 
 
 def read_gz(path: Path) -> Any:

@@ -48,6 +48,11 @@ class ContactParameter:
         Whether the least is left out.
         """
     @property
+    def fast(self) -> bool:
+        """
+        Whether the engine `fast` has it; without, it takes 0 alone.
+        """
+    @property
     def greatest(self) -> float:
         ...
     @property
@@ -82,11 +87,11 @@ class HandOver(enum.StrEnum):
     off_the_top: typing.ClassVar[HandOver]
     too_deep: typing.ClassVar[HandOver]
 class FastRefusal(enum.StrEnum):
+    contact_parameter: typing.ClassVar[FastRefusal]
     no_friction_cone: typing.ClassVar[FastRefusal]
     no_margin: typing.ClassVar[FastRefusal]
     none: typing.ClassVar[FastRefusal]
     pedestal_not_a_box: typing.ClassVar[FastRefusal]
-    rolling_friction: typing.ClassVar[FastRefusal]
     several_parts: typing.ClassVar[FastRefusal]
 class EngineSettings:
     def __init__(self, *, kind: EngineKind, gravity: float, time_step: float, substeps: int, solver_iterations: int, residual_threshold: float, converged_contacts: bool, skip_quiet: bool, restitution_velocity_threshold: float, cone_friction: bool, deterministic_overlapping_pairs: bool, collision_margin: float, contact_breaking_threshold: float, linear_damping: float, angular_damping: float) -> None:

@@ -43,11 +43,11 @@ def read_simulations(path: Path) -> None:
 
 
 def read_custodian(path: Path) -> None:
-    from vsr2.blind.custodian.steps import State
+    from vsr2.blind.custodian.steps import PackState
     from vsr2.blind.form.reader import parsed
     from vsr2.blind.form.seal import read_json
 
-    state = parsed(State, read_json(path), str(path))
+    state = parsed(PackState, read_json(path), str(path))
     bytes.fromhex(state.salt)
     int(state.seed)
 

@@ -68,7 +68,7 @@ def diagnosis(kind, probabilities, effects=(), conformal=(), **more):
     for entry in entries:
         entry |= more.get(entry["name"], {})
     return {
-        "schema": "vsr2.diagnosis/6",
+        "schema": "vsr2.diagnosis/7",
         "gap": {
             "closure": {"value": more.get("closure"), "ci95": [0.0, 1.0]},
             "headline": {"value": more.get("headline"), "ci95": [0.0, 1.0]},

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from vsr2.calibration import Evaluation, Parameter
+from vsr2.calibration import CalibrationParameter, Evaluation
 from vsr2.campaign import RunOptions, save_campaign, simulate_campaign
 from vsr2.config import Study, study_from_mapping
 from vsr2.config.extended import Plain
@@ -53,8 +53,8 @@ class World:
 
 
 RANGES = {
-    "p": Parameter(keys=("engine.gravity",), range=(0.0, 1.0)),
-    "q": Parameter(keys=("engine.linear_damping",), range=(1e-3, 1e3), scale="log"),
+    "p": CalibrationParameter(keys=("engine.gravity",), range=(0.0, 1.0)),
+    "q": CalibrationParameter(keys=("engine.linear_damping",), range=(1e-3, 1e3), scale="log"),
 }
 
 

@@ -13,6 +13,7 @@ from planar.planar_library import PLANAR_LIBRARY
 from planted import Rehearsal, shaken_campaign
 from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
+from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.observed.observations import OBSERVED
 from vsr2.diagnosis.posterior.network import NETWORK
@@ -124,7 +125,8 @@ SMALL = (
         },
     ),
     (SCHEDULE, {"fewest": 24, "chunk": 12}),
-    (HELD_OUT, {"members": 4, "dealt": 2}),
+    (HELD_OUT, {"members": 4}),
+    (NEGATIVE_CONTROLS, {"dealt": 2}),
     (NOISE_FLOOR, {"replicates": 1, "most_trials": 6}),
     (OBSERVED, {"least_trials": 20}),
     (NETWORK, {"hidden": (24, 16), "passes": 20, "least_passes": 4}),

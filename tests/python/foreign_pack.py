@@ -67,7 +67,7 @@ KEY = {
 VERDICTS = {
     # The true class by its other member, and 9 for a slack of 8 and none at infinity.
     "Hall.1": {
-        "schema": "vsr2.diagnosis/6",
+        "schema": "vsr2.diagnosis/7",
         "verdict": {"kind": "effect", "effects": ["chain"], "probability": 0.8},
         "effects": [
             {"name": "chain", "probability": 0.6},
@@ -88,11 +88,11 @@ VERDICTS = {
         "where": [{"axis": "conditions", "p_familywise": 0.01, "trials": ["run-a", "extra.1"]}],
     },
     "Hall.2": {
-        "schema": "vsr2.diagnosis/6",
+        "schema": "vsr2.diagnosis/7",
         "verdict": {"kind": "none", "effects": [], "probability": 0.9},
     },
     "hall-3": {
-        "schema": "vsr2.diagnosis/6",
+        "schema": "vsr2.diagnosis/7",
         "verdict": {"kind": "unknown", "probability": 0.7},
         "effects": [{"name": "chain", "probability": 0.2}],
         "unknown": {"probability": 0.7},

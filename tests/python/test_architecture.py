@@ -148,6 +148,26 @@ def test_no_two_modules_share_a_name() -> None:
     assert {stem for stem in stems if stems.count(stem) > 1} == set()
 
 
+SHARED_CLASS_NAMES = {
+    # What a bench measures in a trial, of either engine: blind/mujoco imports nothing of VSR2.
+    "Response": {"effects/effect.py", "blind/mujoco/mujoco_trial.py"},
+    # One number of an effect, of either engine, for the same reason.
+    "Parameter": {"effects/parameter.py", "blind/mujoco/mujoco_effects.py"},
+}
+"""Public names of two rooms that mean the same in each, with the files that define them."""
+
+
+def test_no_two_public_classes_share_a_name() -> None:
+    """Private ones aside: they are read in their own module alone."""
+    files: dict[str, list[str]] = {}
+    for path in MODULES:
+        for node in ast.walk(ast.parse(path.read_text())):
+            if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                files.setdefault(node.name, []).append(path.relative_to(PACKAGE).as_posix())
+    shared = {name: found for name, found in files.items() if len(found) > 1}
+    assert shared == {name: sorted(found) for name, found in SHARED_CLASS_NAMES.items()}
+
+
 @pytest.mark.parametrize("folder", ["cpp", "python", "tests", "studies", "benchmarks", "scripts"])
 def test_modules_and_functions_stay_short(folder: str) -> None:
     sources = [p for p in (ROOT / folder).rglob("*") if p.suffix in (".py", ".cpp", ".hpp")]

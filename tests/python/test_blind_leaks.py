@@ -15,7 +15,7 @@ from vsr2.blind import PackSettings
 from vsr2.blind.custodian.campaign_recording import recorded_campaign
 from vsr2.blind.custodian.design import draw_protocol
 from vsr2.blind.custodian.engine import TrialInput, build_engine
-from vsr2.blind.form.diagnosis_form import Verdict
+from vsr2.blind.form.diagnosis_form import ReportedVerdict
 from vsr2.blind.form.pack_settings import CLASSES
 from vsr2.blind.form.seal import open_key
 from vsr2.blind.mujoco import Response
@@ -255,7 +255,7 @@ def test_what_the_files_say_beside_the_response_tells_nothing(uneven, study, tmp
             flips=0.5,
             where={},
             trials=(),
-            verdict=Verdict(VerdictKind.NONE),
+            verdict=ReportedVerdict(VerdictKind.NONE),
             classes=(),
         )
         for name, entry in packs[3]["campaigns"].items()

@@ -27,7 +27,7 @@ from blind_samples import hand_made
 from blind_targets import outcomes_table, targets_table
 from scored_campaigns import CAMPAIGNS, VERDICTS
 from vsr2.blind import score_pack
-from vsr2.blind.form.diagnosis_form import Estimate
+from vsr2.blind.form.diagnosis_form import ReportedEstimate
 from vsr2.blind.form.seal import open_key, read_json, read_pack
 from vsr2.blind.scoring.cases import read_cases
 from vsr2.errors import BlindError
@@ -50,10 +50,10 @@ def pack(tmp_path):
 
 
 def test_an_interval_without_an_upper_end_is_committed_as_null() -> None:
-    estimate = Estimate(mean=8.0, ci90=(6.5, math.inf))
+    estimate = ReportedEstimate(mean=8.0, ci90=(6.5, math.inf))
     plain = json.loads(json.dumps(estimate.model_dump(mode="json"), allow_nan=False))
     assert plain["ci90"] == [6.5, None]
-    assert Estimate.model_validate(plain) == estimate
+    assert ReportedEstimate.model_validate(plain) == estimate
 
 
 def test_cases_from_what_is_committed_are_those_of_the_folders(pack) -> None:

@@ -19,7 +19,7 @@ from vsr2.analysis.intervals import (
 )
 from vsr2.blind import score_pack
 from vsr2.blind.custodian.engine import build_engine
-from vsr2.blind.form.diagnosis_form import Location
+from vsr2.blind.form.diagnosis_form import ReportedLocation
 from vsr2.blind.form.seal import open_key
 from vsr2.blind.scoring.cases import groups, read_cases
 from vsr2.blind.scoring.score import (
@@ -251,7 +251,7 @@ def test_single_rules_of_scoring(pack) -> None:
     # Drift shows over the order or between sessions, nowhere else.
     drift = replace(cases["a"], where=cases["a"].where | {"axis": "order"})
     for axis, found in (("order", True), ("session", True), ("conditions", False)):
-        named = (Location(axis=axis, trials=frozenset({"T1"})),)
+        named = (ReportedLocation(axis=axis, trials=frozenset({"T1"})),)
         assert axis_named(replace(drift, verdict=replace(drift.verdict, where=named))) is found
     # Magnitude 2 is 2 or more.
     for relative, spans in ((2.0, ["2-4", "1+", "2+"]), (1.999, ["1-2", "1+"]), (0.5, ["0-1"])):

@@ -238,7 +238,7 @@ def test_scoring_reads_what_a_diagnosis_writes() -> None:
 
 def test_a_bare_verdict_is_enough() -> None:
     verdict = verdict_of(
-        {"schema": "vsr2.diagnosis/6", "verdict": {"kind": "none", "probability": 0.7}}, "x"
+        {"schema": "vsr2.diagnosis/7", "verdict": {"kind": "none", "probability": 0.7}}, "x"
     )
     assert verdict.probabilities == {"none": 0.7}
     assert verdict.closure is None

@@ -12,8 +12,8 @@ from hypothesis import strategies as st
 
 from calibration_samples import RANGES, World
 from vsr2.calibration import (
+    CalibrationParameter,
     Evaluation,
-    Parameter,
     cross_validate,
     joint_search,
     profiles,
@@ -92,7 +92,7 @@ def test_shares_and_values_are_inverse(share):
         value = at_share(one, share)
         assert within(one, value)
         assert share_of(one, value) == pytest.approx(share, abs=2e-5)
-    words = Parameter(keys=("motion.channel",), values=("a", "b", "c"))
+    words = CalibrationParameter(keys=("motion.channel",), values=("a", "b", "c"))
     assert at_share(words, share) in words.values
     assert at_share(words, 1.0) == "c"
 
@@ -100,8 +100,8 @@ def test_shares_and_values_are_inverse(share):
 def test_the_sequential_procedure_carries_the_best_forward_and_stops_without_gain():
     world = World()
     parameters = {
-        "q": Parameter(keys=("engine.linear_damping",), values=(1.0, 2.0)),
-        "p": Parameter(keys=("engine.gravity",), values=(0.3, 0.5, 0.7)),
+        "q": CalibrationParameter(keys=("engine.linear_damping",), values=(1.0, 2.0)),
+        "p": CalibrationParameter(keys=("engine.gravity",), values=(0.3, 0.5, 0.7)),
     }
     method = Sequential(kind="sequential")
     steps = sequential_search(parameters, START, world, score_on(world), method)
@@ -139,7 +139,7 @@ def test_the_joint_search_finds_the_optimum_and_takes_the_same_steps_again(propo
 def test_the_joint_search_chooses_among_words_and_is_quiet(capfd):
     parameters = {
         "p": RANGES["p"],
-        "channel": Parameter(keys=("motion.channel",), values=("good", "bad")),
+        "channel": CalibrationParameter(keys=("motion.channel",), values=("good", "bad")),
     }
     world = World()
 

@@ -19,7 +19,7 @@ from vsr2.diagnosis.simulated.campaigns import (
     plain_campaigns,
     simulate_campaigns,
 )
-from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY, ContactModel
+from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY, AlternativeContact
 from vsr2.diagnosis.simulated.library import free_parameters, primary_parameters, sides, values_at
 from vsr2.diagnosis.simulated.look import LOOK, Limit, look
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
@@ -288,7 +288,7 @@ BOX = {
     "outcome": {"tail": 2.0},
 }
 
-MODEL = ContactModel()
+MODEL = AlternativeContact()
 
 
 @pytest.fixture(scope="module")

@@ -271,6 +271,7 @@ WORDED = {
     "LimitCode": verdicts._SECTIONS["limits"],
     "LocationKind": verdicts._SECTIONS["locations"],
     "NotKept": ros2_import.IMPORT_NOTES,
+    "Phase": verdicts._SECTIONS["phases"],
     "ReasonCode": verdicts._SECTIONS["reasons"],
     "SceneNote": data.SCENE_NOTES,
     "ScoreCode": scores.SCORES,
@@ -281,7 +282,7 @@ WORDED = {
 SHOWN_BY_NAME = {
     "BudgetState", "Drive", "EffectAxis", "EngineKind", "EngineName", "FastRefusal",
     "FeatureChannel", "GapState", "HandOver", "Kind", "LocationAxis", "Loss", "MeasurementKind",
-    "Objective", "Outcome", "Phase", "PredictedBy", "Scope", "Third",
+    "Objective", "Outcome", "PredictedBy", "Scope", "Third",
 }  # fmt: skip
 """Enumerations whose members are words of files and tables, or choose between sentences."""
 ELSEWHERE = {"Code", "FitNote", "NoBaselines", "Status"}
@@ -321,6 +322,8 @@ def test_a_code_without_a_sentence_is_named_with_the_place_to_add_it() -> None:
 def test_a_code_of_another_version_is_refused_with_its_remedy() -> None:
     with pytest.raises(ResultError, match="'fap' is none of the limits that this version words"):
         sentence({"code": "fap", "values": {}})
+    with pytest.raises(ResultError, match="'free decay' is none of the phases that this version"):
+        verdicts.phase("free decay")
 
 
 def test_events_are_worded_briefly() -> None:

@@ -15,7 +15,7 @@ from vsr2.blind.form.diagnosis_form import (
     FAILED_FILE,
     Failure,
     FailureCode,
-    Verdict,
+    ReportedVerdict,
     read_verdict,
 )
 from vsr2.blind.form.events import EventCode, Say, unheard
@@ -57,7 +57,7 @@ BUDGET, EXECUTION = Budget(campaigns=2000), Execution()
 
 
 @dataclass(frozen=True)
-class Progress:
+class PackOutcome:
     """What came of a run over a pack.
 
     Attributes:
@@ -132,7 +132,7 @@ def diagnose_pack(
     execution: Execution = EXECUTION,
     seed: int = 0,
     say: Say = unheard,
-) -> Progress:
+) -> PackOutcome:
     """Diagnose the campaigns of a pack; what is there already is kept.
 
     Results go to `out/<campaign>/<tier>/`, simulations and trained posteriors to `out`: those for
@@ -198,10 +198,10 @@ def diagnose_pack(
         verdict = _save(diagnosed, out / name / tier, unfit.get((tier, name)))
         failed += [f"{name} {tier}"] if verdict.failed else []
         say(_event(name, tier, verdict))
-    return Progress(len(asked) - len(failed), tuple(failed))
+    return PackOutcome(len(asked) - len(failed), tuple(failed))
 
 
-def _event(campaign: str, tier: Tier, verdict: Verdict) -> Statement:
+def _event(campaign: str, tier: Tier, verdict: ReportedVerdict) -> Statement:
     """How a diagnosis ended."""
     of = {"campaign": campaign, "tier": tier}
     if verdict.failed:
@@ -278,7 +278,9 @@ def _unfit(
     return unfit
 
 
-def _save(diagnosed: Callable[[], Diagnosis], folder: Path, unfit: Vsr2Error | None) -> Verdict:
+def _save(
+    diagnosed: Callable[[], Diagnosis], folder: Path, unfit: Vsr2Error | None
+) -> ReportedVerdict:
     """Write a diagnosis that scoring can read, or why there is none; returns what it reads.
 
     Args:

@@ -9,9 +9,9 @@ from vsr2.calibration.calibrate import (
     evaluations_at_most,
 )
 from vsr2.calibration.calibration_study import (
+    CalibrationParameter,
     CalibrationSettings,
     CalibrationStudy,
-    Parameter,
     calibration_schema,
     load_calibration,
 )
@@ -23,6 +23,7 @@ from vsr2.calibration.search import Step, joint_search, sequential_search
 
 __all__ = [
     "CalibrationInterrupted",
+    "CalibrationParameter",
     "CalibrationResult",
     "CalibrationSettings",
     "CalibrationStudy",
@@ -31,7 +32,6 @@ __all__ = [
     "Evaluator",
     "Fold",
     "Identifiability",
-    "Parameter",
     "Profile",
     "Screen",
     "Step",

@@ -71,7 +71,7 @@ RESERVED = (
 """Columns of the tables, which no parameter may be named after."""
 
 
-class Parameter(Section):
+class CalibrationParameter(Section):
     """What is varied: one value for one key of the study, or for several that are tied."""
 
     keys: Annotated[tuple[Key, ...], Field(min_length=1, max_length=20)]
@@ -150,7 +150,7 @@ class CalibrationSettings(Section):
 
     campaign: FilePath
     """Folder of the campaign to match."""
-    parameters: Annotated[dict[Name, Parameter], Field(min_length=1, max_length=50)]
+    parameters: Annotated[dict[Name, CalibrationParameter], Field(min_length=1, max_length=50)]
     """What is varied, in the order in which the sequential procedure takes it."""
     method: Annotated[Sequential | Joint, Field(discriminator="kind")]
     """How the best values are sought."""
@@ -276,7 +276,7 @@ def _with_motions(
     mapping["motion"] = {"mode": "all_recordings", "folder": str(folder), **given}
 
 
-def _check(study: CalibrationStudy, name: str, parameter: Parameter) -> None:
+def _check(study: CalibrationStudy, name: str, parameter: CalibrationParameter) -> None:
     at = [study.value(key) for key in parameter.keys]
     if len(set(map(repr, at))) > 1:
         raise ConfigError(
@@ -317,7 +317,7 @@ def study_values(study: CalibrationStudy, values: dict[str, Plain]) -> dict[str,
     return {key: value for name, value in values.items() for key in study.own.parameters[name].keys}
 
 
-def within(parameter: Parameter, value: Plain) -> bool:
+def within(parameter: CalibrationParameter, value: Plain) -> bool:
     """Whether a value lies in the parameter's range, or is one of its values."""
     if parameter.values is not None:
         return value in parameter.values
@@ -326,7 +326,7 @@ def within(parameter: Parameter, value: Plain) -> bool:
     return isinstance(value, (int, float)) and low <= value <= high
 
 
-def at_share(parameter: Parameter, share: float) -> Plain:
+def at_share(parameter: CalibrationParameter, share: float) -> Plain:
     """The value at a share from 0 to 1 of the parameter's range, or of its list of values.
 
     Values of a range are rounded to six digits, so that tables give them in full.
@@ -343,7 +343,7 @@ def at_share(parameter: Parameter, share: float) -> Plain:
     return min(max(float(f"{value:.6g}"), low), high)
 
 
-def share_of(parameter: Parameter, value: Plain) -> float:
+def share_of(parameter: CalibrationParameter, value: Plain) -> float:
     """The inverse of :func:`at_share` for a value of a range."""
     assert parameter.range is not None
     assert not isinstance(value, str)

@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.intervals import INTERVALS
-from vsr2.calibration.calibration_study import CALIBRATION, Parameter, at_share, share_of
+from vsr2.calibration.calibration_study import CALIBRATION, CalibrationParameter, at_share, share_of
 from vsr2.calibration.evaluation_store import Evaluation
 from vsr2.calibration.objective import Objective, objective_of, objective_replicates
 from vsr2.config.extended import Plain
@@ -84,7 +84,7 @@ class Profile:
 
 
 def profiles(
-    parameters: Mapping[str, Parameter],
+    parameters: Mapping[str, CalibrationParameter],
     evaluations: Sequence[Evaluation],
     observed: NDArray[np.bool_],
     resamples: NDArray[np.int32],
@@ -149,7 +149,7 @@ def profiles(
     return tuple(found)
 
 
-def _edges(parameter: Parameter, cells: int) -> list[tuple[Plain, Plain]]:
+def _edges(parameter: CalibrationParameter, cells: int) -> list[tuple[Plain, Plain]]:
     if parameter.values is not None:
         return [(value, value) for value in parameter.values]
     return [
@@ -157,7 +157,7 @@ def _edges(parameter: Parameter, cells: int) -> list[tuple[Plain, Plain]]:
     ]
 
 
-def _cell_of(parameter: Parameter, value: Plain, cells: int) -> int | None:
+def _cell_of(parameter: CalibrationParameter, value: Plain, cells: int) -> int | None:
     if parameter.values is not None:
         return parameter.values.index(value) if value in parameter.values else None
     share = share_of(parameter, value)

@@ -11,8 +11,8 @@ import numpy as np
 
 from vsr2.calibration.calibration_study import (
     CALIBRATION,
+    CalibrationParameter,
     Joint,
-    Parameter,
     Sequential,
     at_share,
     share_of,
@@ -23,7 +23,7 @@ from vsr2.calibration.evaluation_store import Evaluation
 from vsr2.config.extended import Plain
 
 Score = Callable[[Evaluation], float]
-Parameters = Mapping[str, Parameter]
+Parameters = Mapping[str, CalibrationParameter]
 
 
 @dataclass(frozen=True, eq=False)
@@ -220,7 +220,7 @@ def _by_evolution(
             strategy.tell(population, [-value for value in scores])
 
 
-def _distribution(parameter: Parameter) -> Any:
+def _distribution(parameter: CalibrationParameter) -> Any:
     from optuna.distributions import CategoricalDistribution, FloatDistribution
 
     if parameter.values is not None:

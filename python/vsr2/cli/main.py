@@ -22,7 +22,6 @@ from vsr2.cli import (
     verb_diagnose,
     verb_effects,
     verb_fragility,
-    verb_hazard,
     verb_inertia,
     verb_new,
     verb_run,
@@ -70,7 +69,12 @@ app.command(
 )
 app.command(verb_calibrate.calibrate)
 app.command(verb_fragility.fragility)
-app.command(verb_hazard.hazard)
+app.command(
+    "vsr2.cli.verb_hazard:hazard",
+    name="hazard",
+    help="Rate of overturning at a site, and the age that a standing rock excludes.\n\n"
+    "docs/how-to/hazard.md explains both, and what the interval holds.",
+)
 app.command(verb_effects.verbs)
 app.command(verb_diagnose.diagnose)
 app.command(

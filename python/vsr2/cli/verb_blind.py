@@ -151,7 +151,7 @@ def _progress(quiet: bool) -> Say:
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Effort:
+class PackEffort:
     """How each diagnosis is made.
 
     Attributes:
@@ -181,7 +181,7 @@ class Effort:
         return Budget(campaigns=self.campaigns, held_out=held_out)
 
 
-EFFORT = Effort()
+EFFORT = PackEffort()
 
 
 @verbs.command
@@ -192,7 +192,7 @@ def diagnose(
     out: Path,
     tier: tuple[Tier, ...] = (),
     campaign: tuple[str, ...] = (),
-    effort: Effort = EFFORT,
+    effort: PackEffort = EFFORT,
     resume: opt.Resume = False,
     quiet: opt.Quiet = False,
 ) -> int:

@@ -24,7 +24,7 @@ TIME = Group("Time (one of)", validator=one_of)
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Question:
+class QuestionOptions:
     """What may be the cause, and what it is judged by.
 
     Attributes:
@@ -87,7 +87,7 @@ class Effort:
     quiet: opt.Quiet = False
 
 
-QUESTION, EFFORT = Question(), Effort()
+QUESTION, EFFORT = QuestionOptions(), Effort()
 
 
 def diagnose(
@@ -96,7 +96,7 @@ def diagnose(
     *,
     scene: Path,
     out: Path,
-    question: Question = QUESTION,
+    question: QuestionOptions = QUESTION,
     effort: Effort = EFFORT,
 ) -> int:
     """Find the cause of a campaign's sim-to-real gap.
@@ -159,7 +159,7 @@ def diagnose(
     return 0
 
 
-def _hypotheses(question: Question) -> Hypotheses:
+def _hypotheses(question: QuestionOptions) -> Hypotheses:
     from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Hypotheses
 
@@ -184,7 +184,9 @@ def _execution(effort: Effort, client: Client | None) -> Execution:
     )
 
 
-def _check(campaign: Path, scene: Path, out: Path, question: Question, effort: Effort) -> int:
+def _check(
+    campaign: Path, scene: Path, out: Path, question: QuestionOptions, effort: Effort
+) -> int:
     """Planted campaigns against the posterior of a finished diagnosis."""
     from vsr2.diagnosis import check_posterior
     from vsr2.report.messages.posterior_checks import check_sentences

@@ -7,6 +7,7 @@ from typing import Annotated
 
 from cyclopts import Parameter
 
+from vsr2.analysis.intervals import INTERVALS
 from vsr2.cli.options import Json, print_json
 
 
@@ -17,12 +18,10 @@ def hazard(
     *,
     site: tuple[float, float] | None = None,
     age: float | None = None,
-    confidence: float = 0.95,
+    confidence: float = INTERVALS.level,
     json: Json = False,
 ) -> int:
-    """Rate of overturning at a site, and the age that a standing rock excludes.
-
-    docs/how-to/hazard.md explains both, and what the interval holds.
+    """Print the rate and the excluded age; what the verb is for stands where it is registered.
 
     Args:
         site: longitude and latitude of one of several sites in the file [degree]

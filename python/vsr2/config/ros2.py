@@ -31,32 +31,32 @@ from vsr2.config.ros2_notes import (
     difference_notes,
     ignored_notes,
 )
-from vsr2.config.ros2_parameters import Parameters
+from vsr2.config.ros2_parameters import Ros2Parameters
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath, nearest_above
 from vsr2.errors import ConfigError
 
 _PACKAGE = "virtual_shake_robot_pybullet/"
 
-Keys = dict[str, tuple[str, Callable[[Parameters, str], Any]]]
+Keys = dict[str, tuple[str, Callable[[Ros2Parameters, str], Any]]]
 """Parameters of the original: the study's key (dotted) and how the value is read."""
 
 _ENGINE_AND_PEDESTAL: Keys = {
-    "engineSettings.gravity": ("engine.gravity", Parameters.gravity),
-    "engineSettings.timeStep": ("engine.time_step", Parameters.number),
-    "engineSettings.numSolverIterations": ("engine.solver_iterations", Parameters.integer),
-    "engineSettings.enableConeFriction": ("engine.cone_friction", Parameters.flag),
+    "engineSettings.gravity": ("engine.gravity", Ros2Parameters.gravity),
+    "engineSettings.timeStep": ("engine.time_step", Ros2Parameters.number),
+    "engineSettings.numSolverIterations": ("engine.solver_iterations", Ros2Parameters.integer),
+    "engineSettings.enableConeFriction": ("engine.cone_friction", Ros2Parameters.flag),
     "engineSettings.deterministicOverlappingPairs": (
         "engine.deterministic_overlapping_pairs",
-        Parameters.flag,
+        Ros2Parameters.flag,
     ),
-    "structure.pedestal.dimensions": ("pedestal.size", Parameters.vector),
-    "structure.pedestal.mass": ("pedestal.mass", Parameters.number),
-    "structure.world_box.dimensions": ("pedestal.base.size", Parameters.vector),
+    "structure.pedestal.dimensions": ("pedestal.size", Ros2Parameters.vector),
+    "structure.pedestal.mass": ("pedestal.mass", Ros2Parameters.number),
+    "structure.world_box.dimensions": ("pedestal.base.size", Ros2Parameters.vector),
 }
 _BOX: Keys = {
-    "rock_structure_box.dimensions": ("rock.size", Parameters.vector),
-    "rock_structure_box.mass": ("rock.mass", Parameters.number),
+    "rock_structure_box.dimensions": ("rock.size", Ros2Parameters.vector),
+    "rock_structure_box.mass": ("rock.mass", Ros2Parameters.number),
 }
 _MATERIAL = {
     "restitution": "restitution",
@@ -69,7 +69,7 @@ _MATERIAL = {
 
 def _material_keys(group: str, body: str) -> Keys:
     return {
-        f"{group}.{original}": (f"contact.{body}.{key}", Parameters.number)
+        f"{group}.{original}": (f"contact.{body}.{key}", Ros2Parameters.number)
         for original, key in _MATERIAL.items()
     }
 
@@ -111,7 +111,7 @@ def import_ros2(
         paths = [paths]
     if not paths:
         raise ConfigError("no ROS 2 parameter file given; name at least one")
-    parameters = Parameters()
+    parameters = Ros2Parameters()
     for path in paths:
         parameters.read(path)
     return _Importer(parameters, tuple(Path(path) for path in paths), rock).result()
@@ -122,7 +122,7 @@ class _Importer:
 
     def __init__(
         self,
-        parameters: Parameters,
+        parameters: Ros2Parameters,
         files: tuple[Path, ...],
         rock: Literal["mesh", "box"] | None,
     ) -> None:
@@ -165,7 +165,7 @@ class _Importer:
     def _note(self, code: Code, **values: Any) -> None:
         self._notes.append(Statement.of(code, **values))
 
-    def _set(self, name: str, key: str, read: Callable[[Parameters, str], Any]) -> None:
+    def _set(self, name: str, key: str, read: Callable[[Ros2Parameters, str], Any]) -> None:
         """Set the study's `key` from the parameter `name`, where the files give it."""
         if not self._parameters.has(name):
             self._missing.append(name)
@@ -214,7 +214,7 @@ class _Importer:
         urdf = rock["file"].suffix.lower() == ".urdf"
         rock |= {"shape": "urdf" if urdf else "mesh", "inertia": "aabb"}
         if not urdf:
-            self._set(mass, "rock.mass", Parameters.number)
+            self._set(mass, "rock.mass", Ros2Parameters.number)
             self._note(Assumed.MESH_FILE, file=file, mass=mass)
         elif p.has(mass):
             p.used.add(mass)
@@ -251,13 +251,13 @@ class _Importer:
         self._data["rock"]["start"] = {"mode": "yaw" if lowered else "pose"}
         if turned and p.has(f"{group}.rock_orientation"):
             key = "base_orientation" if lowered else "orientation"
-            self._set(f"{group}.rock_orientation", f"rock.start.{key}", Parameters.quaternion)
+            self._set(f"{group}.rock_orientation", f"rock.start.{key}", Ros2Parameters.quaternion)
         elif turned:
             self._note(Assumed.UNTURNED, name=f"{group}.rock_orientation")
         if lowered:
             self._note(Assumed.LOWERED, name=f"{group}.rock_position")
         else:
-            self._set(f"{group}.rock_position", "rock.start.position", Parameters.vector)
+            self._set(f"{group}.rock_position", "rock.start.position", Ros2Parameters.vector)
 
     def _contact(self) -> None:
         p = self._parameters

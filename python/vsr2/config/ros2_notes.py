@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 
 from vsr2.codes import NAMES, NUMBERS, Code, Statement
 from vsr2.config.problems import shown
-from vsr2.config.ros2_parameters import Parameters
+from vsr2.config.ros2_parameters import Ros2Parameters
 
 
 class Ignored(Code):
@@ -114,7 +114,7 @@ _IGNORED = [
 """Patterns of parameters that the original ignores; the first that fits counts."""
 
 
-def ignored_notes(p: Parameters, rock: str, missing: Sequence[str]) -> Iterator[Statement]:
+def ignored_notes(p: Ros2Parameters, rock: str, missing: Sequence[str]) -> Iterator[Statement]:
     """What the original ignored, what was read otherwise, and what was not given."""
     why: dict[Ignored, list[str]] = {}
     for name in p.given:
@@ -145,7 +145,7 @@ def ignored_notes(p: Parameters, rock: str, missing: Sequence[str]) -> Iterator[
         yield Statement.of(Assumed.DEFAULTS, names=tuple(missing))
 
 
-def difference_notes(p: Parameters, time_step: float, mode: str) -> Iterator[Statement]:
+def difference_notes(p: Ros2Parameters, time_step: float, mode: str) -> Iterator[Statement]:
     """What a run differs in, whatever the files say."""
     yield Statement.of(Kept.MOTOR)
     if mode in ("single_recording", "all_recordings") and time_step > 0:

@@ -25,7 +25,7 @@ class Given:
 
 
 @dataclass
-class Parameters:
+class Ros2Parameters:
     """Parameters by their full dotted name, the last one given counting."""
 
     given: dict[str, Given] = field(default_factory=dict)

@@ -5,7 +5,6 @@ from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.causes import Causes, find_causes
 from vsr2.diagnosis.corrected import corrected_study, drawn_studies
 from vsr2.diagnosis.iteration import Iteration, iterate
-from vsr2.diagnosis.margins.causes_schema import causes_schema
 from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.posterior_check import PosteriorCheck, check_posterior
 from vsr2.diagnosis.prediction import Prediction, predict
@@ -23,6 +22,7 @@ from vsr2.diagnosis.simulated.nuisances import (
     with_deviations,
 )
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
+from vsr2.diagnosis.verdict.causes_schema import causes_schema
 from vsr2.diagnosis.verdict.diagnosis_schema import schema
 from vsr2.diagnosis.verdict.document import SCHEMA, Diagnosis
 

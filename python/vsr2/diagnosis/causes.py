@@ -30,12 +30,11 @@ from vsr2.diagnosis.corrected import (
     write_scenes,
 )
 from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
+from vsr2.diagnosis.how_far.explained_gap import explained_gap, simulate_as_it_is
 from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
-from vsr2.diagnosis.margins.acting_posterior import SAMPLER, Posterior, sample_posterior
+from vsr2.diagnosis.margins.acting_posterior import SAMPLER, ActingPosterior, sample_posterior
 from vsr2.diagnosis.margins.cause_space import CAUSES, NotJudged, cause_space, not_judged
-from vsr2.diagnosis.margins.causes_schema import CAUSES_SCHEMA
-from vsr2.diagnosis.margins.explained_gap import explained_gap, simulate_as_it_is
-from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, judge_causes
+from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, HeldOutCauses, judge_causes
 from vsr2.diagnosis.margins.margin_emulator import EMULATOR
 from vsr2.diagnosis.margins.margin_search import SEARCH
 from vsr2.diagnosis.margins.outcome_model import (
@@ -44,7 +43,7 @@ from vsr2.diagnosis.margins.outcome_model import (
     Particles,
     acting_share,
 )
-from vsr2.diagnosis.margins.session_steps import session_steps
+from vsr2.diagnosis.margins.session_steps import STEP_TABLE, session_steps
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.pipeline import Progress, Stage
@@ -55,6 +54,7 @@ from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.library import GAIN, free_parameters, is_angle, sides
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
+from vsr2.diagnosis.verdict.causes_schema import CAUSES_SCHEMA
 from vsr2.diagnosis.verdict.compose import unrolled
 from vsr2.effects import Parameter
 from vsr2.errors import ConfigError, DiagnosisError
@@ -232,11 +232,7 @@ def find_causes(
     posterior = sample_posterior(model, np.arange(len(used)), rng, particles=SAMPLER.final)
     acting = acting_share(posterior.particles, model.names)
     likeliest = sorted(model.looked_for, key=lambda name: -acting[name])
-    judged = judge_causes(
-        model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
-        threads=execution.threads or os.cpu_count() or 1,
-        progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
-    )  # fmt: skip
+    judged = _judged_held_out(model, likeliest, execution, seed)
     rows = [_cause(model, posterior.particles, name, acting[name]) for name in likeliest]
     corrected, stated = _corrected(study, rows)
     work |= {"seed": seed, "left_out": len(given) - len(used)}
@@ -259,6 +255,17 @@ def find_causes(
     if folder is not None:
         result.save(folder)
     return result
+
+
+def _judged_held_out(
+    model: OutcomeModel, likeliest: Sequence[str], execution: Execution, seed: int
+) -> HeldOutCauses:
+    """Losses with choices of the likeliest causes, on motions they were not inferred from."""
+    return judge_causes(
+        model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
+        threads=execution.threads or os.cpu_count() or 1,
+        progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
+    )  # fmt: skip
 
 
 def _not_looked_for(simulator: SceneSimulator, names: Collection[str]) -> dict[str, Any]:
@@ -371,7 +378,7 @@ def _stronger(model: OutcomeModel, particles: Particles) -> dict[str, Any]:
 
 
 def _inferred(
-    model: OutcomeModel, posterior: Posterior, rows: list[dict[str, Any]]
+    model: OutcomeModel, posterior: ActingPosterior, rows: list[dict[str, Any]]
 ) -> dict[str, Any]:
     """What the outcomes of all trials tell."""
     particles = posterior.particles
@@ -478,6 +485,7 @@ def causes_constants() -> dict[str, dict[str, Any]]:
     """Tuned numbers that causes rest on, by what they are of."""
     return {
         "cause_space": asdict(CAUSES),
+        "step_table": asdict(STEP_TABLE),
         "margin_search": asdict(SEARCH),
         "scenes": asdict(SCENES),
         "emulator": asdict(EMULATOR),

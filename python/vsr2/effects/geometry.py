@@ -79,7 +79,7 @@ def _triple(vector: Array) -> tuple[float, float, float]:
     return (x, y, z)
 
 
-class Slenderness(Effect):
+class SlendernessEffect(Effect):
     """The mass centre raised or lowered.
 
     The mass centre moves along the normal of the pedestal's top; shape and inertia about it stay.

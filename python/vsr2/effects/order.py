@@ -9,7 +9,7 @@ from vsr2.effects import geometry
 from vsr2.effects.actuation import TableGain
 from vsr2.effects.contact import Friction
 from vsr2.effects.effect import Circumstances, Effect, effects_in
-from vsr2.effects.geometry import ComOffset, Slenderness
+from vsr2.effects.geometry import ComOffset, SlendernessEffect
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.registration import Registration
 from vsr2.trial import Trial
@@ -58,10 +58,10 @@ class Wear(Effect):
         return {"loss": values["loss"] * worn}
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        return Slenderness().change(trial, {"change": -values["loss"]})
+        return SlendernessEffect().change(trial, {"change": -values["loss"]})
 
 
-class Step(Effect):
+class StepEffect(Effect):
     """Base of effects that bring in others at one point of a campaign.
 
     The step comes between the two sessions that lie nearest to `at`, all sessions counted as
@@ -129,7 +129,7 @@ def _of_parts(
     return tuple(found)
 
 
-class ChangePoint(Step):
+class ChangePoint(StepEffect):
     """A step of the geometry between two sessions.
 
     Takes the parameters of all geometric effects but `registration` and `support`, under the names
@@ -151,7 +151,7 @@ class ChangePoint(Step):
     rank = 1
 
 
-class Session(Step):
+class Session(StepEffect):
     """A step of what holds for a whole session, from one of them on.
 
     The step comes before the session that the data choose, as a change point does, all sessions
@@ -168,7 +168,7 @@ class Session(Step):
     meaning = (
         "From one session on the specimen stands otherwise, or friction or the table are others"
     )
-    parts = (Registration(), ComOffset(), Slenderness(), Friction(), TableGain())
+    parts = (Registration(), ComOffset(), SlendernessEffect(), Friction(), TableGain())
     parameters = (
         _place_in_time(0.0, 1.0),
         *_of_parts(

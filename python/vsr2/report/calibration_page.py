@@ -14,7 +14,7 @@ import numpy as np
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.analysis.probability import RELIABILITY
 from vsr2.calibration.calibrate import CalibrationResult
-from vsr2.calibration.calibration_study import Parameter, Sequential
+from vsr2.calibration.calibration_study import CalibrationParameter, Sequential
 from vsr2.calibration.calibration_tables import best_of_sweeps
 from vsr2.calibration.profile import Identifiability, Profile
 from vsr2.campaign import intensity_measures
@@ -75,7 +75,9 @@ def profile_figure(result: CalibrationResult) -> Figure:
     return figure
 
 
-def _profile_panel(panel: Axes, profile: Profile, parameter: Parameter, top: float) -> None:
+def _profile_panel(
+    panel: Axes, profile: Profile, parameter: CalibrationParameter, top: float
+) -> None:
     known = [cell for cell in profile.cells if cell.sets]
     listed = parameter.values is not None
     # Listed values stand side by side, those of a range where they lie.

@@ -61,8 +61,8 @@ def _waterfall(panel: Axes, held_out: Mapping[str, Any], steps: list[Any]) -> No
     rows = [("as it is", held_out["as_it_is"]["loss"], RED)]
     rows += [(plain(label), loss, BLUE) for label, _, loss in steps]
     rows.append(("with all effects", held_out["all"]["loss"], BLUE))
-    for name, label in CONTROL_LABELS.items():
-        rows.append((label, held_out["controls"][name]["loss"], _DIM))
+    for control, label in CONTROL_LABELS.items():
+        rows.append((label, held_out["controls"][control]["loss"], _DIM))
     if held_out["logistic"] is not None:
         rows.append(("logistic curve", held_out["logistic"]["loss"], _DIM))
     rows.append(("floor", held_out["floor"]["loss"], GREY))

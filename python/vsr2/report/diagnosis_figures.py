@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsr2.diagnosis.observed.features import Phase
 from vsr2.diagnosis.where.scan import SCAN, LocationKind
-from vsr2.report.messages.verdicts import location
+from vsr2.report.messages.verdicts import location, phase
 from vsr2.report.pages import plain
 from vsr2.report.panels import legend_below, scale_axis, sheet, tooltip
 
@@ -215,7 +215,7 @@ def channels_figure(content: Mapping[str, Any]) -> Figure:
         tooltip(bar, f"{location(row)}: {size:+.2f}, family-wise p {row['p_familywise']:.3f}")
     panel.set_yticks(
         range(len(rows)),
-        [f"{plain(row['feature'])} ({row['phase']})" for row in rows],
+        [f"{plain(row['feature'])} ({phase(row['phase'])})" for row in rows],
     )
     panel.axvline(0.0, color=GREY, linewidth=1.0)
     panel.invert_yaxis()

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.blind.custodian.engine import Engine, Nuisances, TrialInput
+from vsr2.blind.custodian.engine import Nuisances, PackEngine, TrialInput
 from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.mujoco import GroundMotion, TrialContext, ground_motion
@@ -43,7 +43,7 @@ NUISANCES = ("width", "depth", "height", "energy_ratio", "friction")
 
 
 @dataclass(frozen=True)
-class Row:
+class DesignTrial:
     """One trial of a design.
 
     Attributes:
@@ -68,7 +68,7 @@ class Protocol:
         displacement_noise, acceleration_noise: of the records [m], [m/s^2].
     """
 
-    rows: tuple[Row, ...]
+    rows: tuple[DesignTrial, ...]
     motions: tuple[GroundMotion, ...]
     records: dict[str, Record]
     displacement_noise: float
@@ -178,7 +178,7 @@ def catalogue(seed: int, count: int) -> list[GroundMotion]:
     ]
 
 
-def overturning_acceleration(engine: Engine, motion: GroundMotion) -> float:
+def overturning_acceleration(engine: PackEngine, motion: GroundMotion) -> float:
     """About the peak acceleration at which the nominal body overturns in this motion [m/s^2].
 
     The outcome is no monotonic function of PGA near there: the first of steps of 12 % from the
@@ -199,7 +199,7 @@ def draw_design(
     trials: int,
     motions: int,
     sessions: int,
-) -> list[Row]:
+) -> list[DesignTrial]:
     """A campaign in the order of execution.
 
     A random part of the catalogue is used; each motion is run in two blocks of rising PGA in a
@@ -229,6 +229,6 @@ def draw_design(
                 blocks.append(block)
     order = [entry for i in rng.permutation(len(blocks)) for entry in blocks[i]]
     return [
-        Row(motion, pga, min(sessions - 1, i * sessions // len(order)))
+        DesignTrial(motion, pga, min(sessions - 1, i * sessions // len(order)))
         for i, (motion, pga) in enumerate(order)
     ]

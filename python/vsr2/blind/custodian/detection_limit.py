@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.blind.custodian.design import NUISANCES, Protocol, draw_inputs, draw_nuisances
-from vsr2.blind.custodian.engine import Engine
+from vsr2.blind.custodian.engine import PackEngine
 from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.mujoco import Drawable
@@ -113,7 +113,7 @@ class SignalMeter:
     """
 
     def __init__(
-        self, engine: Engine, protocol: Protocol, settings: PackSettings, seed: int
+        self, engine: PackEngine, protocol: Protocol, settings: PackSettings, seed: int
     ) -> None:
         self._engine = engine
         self._settings = settings

@@ -58,7 +58,7 @@ class TrialInput:
     context: TrialContext = field(default_factory=TrialContext)
 
 
-class Engine(Protocol):
+class PackEngine(Protocol):
     """Simulates trials of one nominal scene."""
 
     name: str
@@ -83,7 +83,7 @@ class Engine(Protocol):
         ...
 
 
-def build_engine(name: str, study: Study, contact: ContactModel = NOMINAL) -> Engine:
+def build_engine(name: str, study: Study, contact: ContactModel = NOMINAL) -> PackEngine:
     """The engine of that name for a study's scene.
 
     Args:

@@ -9,7 +9,7 @@ from functools import cache
 
 from vsr2.blind.custodian.design import Protocol
 from vsr2.blind.custodian.detection_limit import RULES, SignalMeter
-from vsr2.blind.custodian.engine import Engine
+from vsr2.blind.custodian.engine import PackEngine
 from vsr2.blind.custodian.steps import LIMIT, NUMBER, Steps
 from vsr2.blind.form.events import EventCode, Say
 from vsr2.blind.form.pack_settings import PackSettings
@@ -32,7 +32,7 @@ class Measurements:
     def __init__(
         self,
         steps: Steps,
-        engines: Mapping[str, Engine],
+        engines: Mapping[str, PackEngine],
         protocols: Sequence[Protocol],
         settings: PackSettings,
         seed: int,

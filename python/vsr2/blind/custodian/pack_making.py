@@ -23,12 +23,12 @@ from vsr2.blind.custodian.design import (
     overturning_acceleration,
 )
 from vsr2.blind.custodian.detection_limit import RULES
-from vsr2.blind.custodian.engine import Engine, build_engine
+from vsr2.blind.custodian.engine import PackEngine, build_engine
 from vsr2.blind.custodian.measurements import Measurements
 from vsr2.blind.custodian.pack_constants import pack_constants
 from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
-from vsr2.blind.custodian.steps import ENTRY, State, Steps, numbers, read_back
+from vsr2.blind.custodian.steps import ENTRY, PackState, Steps, numbers, read_back
 from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.pack_form import EffectAxis, tiers_made
 from vsr2.blind.form.pack_settings import Kind, PackSettings
@@ -198,7 +198,7 @@ def _check_asked(pack: Path, data: Path, key: Path, seed: int | None) -> None:
 
 
 def _allowed(
-    engines: Mapping[str, Engine], settings: PackSettings
+    engines: Mapping[str, PackEngine], settings: PackSettings
 ) -> dict[str, dict[str, Drawable]]:
     """The effects that may be drawn, by engine and name."""
     out = {}
@@ -223,7 +223,7 @@ def _allowed(
 
 def _drawn_engines(
     study: Study, settings: PackSettings, seed: int
-) -> tuple[dict[str, Engine], ContactModel]:
+) -> tuple[dict[str, PackEngine], ContactModel]:
     """The engines of a pack, with a contact model that no other pack of the other kind has."""
     rng = pack_generator(seed, PackStream.CONTACT)
     contact = draw_contact(rng, development=settings.development)
@@ -275,7 +275,7 @@ def _begin(
                 f"{path}: was begun with another {', '.join(differs)}; continue it with the same, "
                 "or choose other folders"
             )
-        parsed(State, state, str(path))
+        parsed(PackState, state, str(path))
         if (data / PACK_FILE).exists() and not (key / KEY_FILE).exists():
             raise BlindError(f"{key}: the pack is finished but {KEY_FILE} is gone")
         return state
@@ -342,7 +342,7 @@ def _prepare(study: Study, settings: PackSettings, data: Path, key: Path) -> Non
 def _campaign(
     data: Path,
     planned: Planned,
-    engine: Engine,
+    engine: PackEngine,
     protocol: Protocol,
     settings: PackSettings,
     seed: int,
@@ -430,7 +430,7 @@ def _seal(
     key: Path,
     state: Mapping[str, Any],
     settings: PackSettings,
-    engines: Mapping[str, Engine],
+    engines: Mapping[str, PackEngine],
     limits: Limits,
     entries: dict[str, Any],
     contact: ContactModel,

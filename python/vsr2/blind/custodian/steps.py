@@ -57,7 +57,7 @@ def numbers(count: int) -> Wanted:
     )
 
 
-class State(Part):
+class PackState(Part):
     """What of `custodian.json` all draws and the seal come from."""
 
     seed: Annotated[str, Field(pattern=r"^[0-9]{1,4000}\z")]

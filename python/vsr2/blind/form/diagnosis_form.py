@@ -56,7 +56,7 @@ def _or_null(value: object) -> object:
     return None if value == math.inf else value
 
 
-class Estimate(Part):
+class ReportedEstimate(Part):
     """A number with its 90 % interval, where one is given."""
 
     model_config = ConfigDict(allow_inf_nan=True)
@@ -66,7 +66,7 @@ class Estimate(Part):
     ci90: Annotated[Ends | None, BeforeValidator(_or_infinite), PlainSerializer(_or_null)] = None
 
 
-class Location(Part):
+class ReportedLocation(Part):
     """One location of a gap.
 
     Attributes:
@@ -101,7 +101,7 @@ class Failure(Part):
 
 
 @dataclass(frozen=True)
-class Verdict:
+class ReportedVerdict:
     """What a diagnosis says of one campaign.
 
     Attributes:
@@ -121,11 +121,11 @@ class Verdict:
     effects: tuple[str, ...] = ()
     probabilities: Mapping[str, float] = field(default_factory=dict)
     conformal: tuple[str, ...] = ()
-    parameters: Mapping[str, Mapping[str, Estimate]] = field(default_factory=dict)
+    parameters: Mapping[str, Mapping[str, ReportedEstimate]] = field(default_factory=dict)
     closure: float | None = None
     headline: float | None = None
     gain: Ends | None = None
-    where: tuple[Location, ...] = ()
+    where: tuple[ReportedLocation, ...] = ()
     failed: Failure | None = None
 
 
@@ -148,7 +148,7 @@ class _Gap(Part):
 class _Effect(Part):
     name: Name
     probability: Probability
-    parameters: dict[str, Estimate] = Field(default_factory=dict)
+    parameters: dict[str, ReportedEstimate] = Field(default_factory=dict)
 
 
 class _Unknown(Part):
@@ -173,7 +173,7 @@ class _Diagnosis(Part):
     unknown: _Unknown = _Unknown()
     gap: _Gap = _Gap()
     conformal_set_90: Names = ()
-    where: tuple[Location, ...] = Field((), strict=False)
+    where: tuple[ReportedLocation, ...] = Field((), strict=False)
 
     def probabilities(self) -> dict[str, float]:
         """By effect and answer; what the verdict says of itself alone counts where it is left."""
@@ -204,7 +204,7 @@ class _Diagnosis(Part):
         return self
 
 
-def read_verdict(folder: Path) -> Verdict:
+def read_verdict(folder: Path) -> ReportedVerdict:
     """The diagnosis in a folder, or that there is none because it failed.
 
     Raises:
@@ -215,12 +215,12 @@ def read_verdict(folder: Path) -> Verdict:
         failed = folder / FAILED_FILE
         if failed.exists():
             failure = parsed(Failure, read_json(failed), str(failed))
-            return Verdict(VerdictKind.UNRESOLVED, failed=failure)
+            return ReportedVerdict(VerdictKind.UNRESOLVED, failed=failure)
         raise BlindError(f"{path}: no such file; run `vsr2 blind diagnose` to the end")
     return verdict_of(read_json(path), str(path))
 
 
-def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
+def verdict_of(content: Mapping[str, Any], label: str) -> ReportedVerdict:
     """The verdict in the content of a `diagnosis.json`.
 
     Args:
@@ -235,7 +235,7 @@ def verdict_of(content: Mapping[str, Any], label: str) -> Verdict:
             f"{label}: schema is {shown(content.get('schema'))}; it should be {SCHEMA!r}"
         )
     read = parsed(_Diagnosis, content, label)
-    return Verdict(
+    return ReportedVerdict(
         kind=read.verdict.kind,
         effects=read.verdict.effects,
         probabilities=read.probabilities(),

@@ -108,7 +108,7 @@ class Drawable:
 
 
 @dataclass(frozen=True, kw_only=True)
-class Effect(Drawable):
+class MujocoEffect(Drawable):
     """An entry.
 
     Attributes:
@@ -253,10 +253,10 @@ def _effect(
     *parameters: tuple[str, str, float, float, float],
     apply: Callable[[Situation, Values, TrialContext], Situation],
     drifts: bool = False,
-) -> Effect:
+) -> MujocoEffect:
     """An entry from rows of name, unit, null, least and greatest value, the strength's first."""
     strength, *others = (Parameter(*row, reciprocal=math.isinf(row[2])) for row in parameters)
-    return Effect(name, strength, tuple(others), drifts, apply=apply)
+    return MujocoEffect(name, strength, tuple(others), drifts, apply=apply)
 
 
 def _table(change: Callable[[Array, float, Values], Array]) -> Callable[..., Situation]:
@@ -428,7 +428,7 @@ _ENTRIES = (
     ),
 )
 
-EFFECTS: Mapping[str, Effect] = {effect.name: effect for effect in _ENTRIES}
+EFFECTS: Mapping[str, MujocoEffect] = {effect.name: effect for effect in _ENTRIES}
 """By canonical name, in the order in which they are applied. Not `friction`: MuJoCo's convex
 contacts lift a body that slides, so that it hops and rocks where a rigid one only slides; nor
 `session`, which steps it. Of `registration` the turn alone: its lean is `com_offset`."""

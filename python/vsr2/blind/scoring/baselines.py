@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.intervals import Score, area_under_roc, resampled
-from vsr2.blind.form.diagnosis_form import Verdict
+from vsr2.blind.form.diagnosis_form import ReportedVerdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import sealed_classes
 from vsr2.blind.scoring.cases import Case, class_label
@@ -117,7 +117,7 @@ def baseline_cases(
     return out
 
 
-def _verdict(answers: Sequence[str], probability: Array) -> Verdict:
+def _verdict(answers: Sequence[str], probability: Array) -> ReportedVerdict:
     ranked = sorted(zip(answers, probability, strict=True), key=lambda pair: -pair[1])
     total = np.cumsum([p for _, p in ranked])
     chosen = [
@@ -125,7 +125,7 @@ def _verdict(answers: Sequence[str], probability: Array) -> Verdict:
     ]
     first = ranked[0][0]
     named = first not in (NONE, UNKNOWN)
-    return Verdict(
+    return ReportedVerdict(
         kind=VerdictKind.EFFECT if named else VerdictKind(first),
         effects=(first,) if named else (),
         probabilities={name: float(value) for name, value in ranked},

@@ -9,7 +9,7 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, Verdict, read_verdict
+from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, ReportedVerdict, read_verdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import read_json, read_pack, sealed_classes
 from vsr2.campaign.file_problems import Problems
@@ -72,7 +72,7 @@ class Case:
     flips: float
     where: Mapping[str, Any]
     trials: tuple[str, ...]
-    verdict: Verdict
+    verdict: ReportedVerdict
     classes: tuple[tuple[str, ...], ...]
 
     def label(self, effect: str) -> str:
@@ -166,7 +166,7 @@ def case_of(
     key: Mapping[str, Any],
     name: str,
     tier: str,
-    verdict: Verdict,
+    verdict: ReportedVerdict,
     trials: tuple[str, ...],
     paths: tuple[Path, Path],
 ) -> Case:
@@ -232,7 +232,7 @@ def _trial_ids(path: Path) -> tuple[str, ...]:
 
 
 def _check_verdict(
-    verdict: Verdict, label: str, exclude: tuple[str, ...], trials: tuple[str, ...]
+    verdict: ReportedVerdict, label: str, exclude: tuple[str, ...], trials: tuple[str, ...]
 ) -> None:
     """That a verdict keeps to what its campaign allows and has."""
     held = [name for name, value in verdict.probabilities.items() if value > 0]

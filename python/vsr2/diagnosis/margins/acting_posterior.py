@@ -53,7 +53,7 @@ SAMPLER = SamplerConstants()
 
 
 @dataclass(frozen=True, eq=False)
-class Posterior:
+class ActingPosterior:
     """What acts, given outcomes.
 
     Attributes:
@@ -71,7 +71,7 @@ def sample_posterior(
     rng: np.random.Generator,
     *,
     particles: int = SAMPLER.particles,
-) -> Posterior:
+) -> ActingPosterior:
     """Sample what acts, given the outcomes of some trials.
 
     Args:
@@ -109,7 +109,7 @@ def sample_posterior(
                 if move is _walk:
                     accepted.append(float(taken.mean()))
         length *= float(np.exp(np.mean(accepted) - SAMPLER.acceptance))
-    return Posterior(here, evidence)
+    return ActingPosterior(here, evidence)
 
 
 def _next_power(logs: Array, power: float) -> float:

@@ -24,7 +24,7 @@ from vsr2.diagnosis.simulated.library import (
 from vsr2.diagnosis.simulated.scene_effects import draws_by_trial
 from vsr2.diagnosis.simulated.simulator import Effects
 from vsr2.effects import Effect, Parameter
-from vsr2.effects.order import Step
+from vsr2.effects.order import StepEffect
 
 Array = NDArray[np.float64]
 Acts = NDArray[np.bool_]
@@ -243,7 +243,7 @@ def cause_space(library: Library, exclude: Collection[str] = ()) -> CauseSpace:
         name
         for name, effect in library.items()
         if not_judged(effect) is None
-        and not isinstance(effect, Step)
+        and not isinstance(effect, StepEffect)
         and name not in exclude
         and name != GAIN
         and sides(effect)

@@ -26,15 +26,28 @@ from vsr2.diagnosis.simulated.library import (
     value_at,
 )
 from vsr2.effects import Circumstances, Effect, Parameter
-from vsr2.effects.order import Step
+from vsr2.effects.order import StepEffect
 
 Array = NDArray[np.float64]
 _AT = "at"
 """Where among the sessions a step lies."""
-_PLACES = 401
-"""At which that is tabled, from the first to the last: fewer trials lie between two of them."""
-_GRID = np.linspace(-1.0, 1.0, 201)
-"""Shares of a range at which a parameter's values are tabled."""
+
+
+@dataclass(frozen=True)
+class StepTableConstants:
+    """How finely the effects of steps are tabled; chosen by hand.
+
+    Attributes:
+        places: among the sessions, from the first to the last, at which what acts in each trial is
+            tabled: fewer trials lie between two of them.
+        shares: of a range, from -1 to 1, at which a parameter's values are tabled.
+    """
+
+    places: int = 401
+    shares: int = 201
+
+
+STEP_TABLE = StepTableConstants()
 
 
 @dataclass(frozen=True)
@@ -129,7 +142,7 @@ class SessionSteps:
             points: coordinates of the steps, shape (n, coordinates).
         """
         at = points[:, self._columns[name, _AT]]
-        return self._afters[name][np.rint(at * (_PLACES - 1)).astype(np.int64)]
+        return self._afters[name][np.rint(at * (STEP_TABLE.places - 1)).astype(np.int64)]
 
     def _join(self, name: str, features: Array, points: Array) -> None:
         """Make features of scenes those in which a step acts as well."""
@@ -174,7 +187,8 @@ class SessionSteps:
         ]
         found = {}
         for name in self.names:
-            step, places = self.space.library[name], np.linspace(0.0, 1.0, _PLACES).tolist()
+            step = self.space.library[name]
+            places = np.linspace(0.0, 1.0, STEP_TABLE.places).tolist()
             values = [
                 step.extreme() | {_AT: value_at(step.parameter(_AT), place)} for place in places
             ]
@@ -233,7 +247,7 @@ def session_steps(
     known = {(space.names[one.effect], one.parameter.name) for one in space.coordinates}
     names = []
     for name, effect in space.library.items():
-        if not isinstance(effect, Step) or name in exclude:
+        if not isinstance(effect, StepEffect) or name in exclude:
             continue
         stepped = _primary(effect)
         if stepped and all(one in known or one[0] == GAIN for one in stepped):
@@ -254,7 +268,8 @@ def _primary(step: Effect) -> list[tuple[str, str]]:
 
 def _tabled(parameter: Parameter, share: Array) -> Array:
     """Values at shares of the range from the null, shape as given."""
-    return np.interp(share, _GRID, [value_at(parameter, float(at)) for at in _GRID])
+    grid = np.linspace(-1.0, 1.0, STEP_TABLE.shares)
+    return np.interp(share, grid, [value_at(parameter, float(at)) for at in grid])
 
 
 def _scale(one: _Joined, share: Array) -> Array:

@@ -65,14 +65,14 @@ class FeatureChannel(StrEnum):
 class Phase(StrEnum):
     """Part of the response, or of the motion, in the order of figures."""
 
-    RESPONSE = "whole response"
+    RESPONSE = "whole_response"
     UPLIFT = "uplift"
     IMPACTS = "impacts"
-    STRONG = "strong shaking"
-    DECAY = "free decay"
+    STRONG = "strong_shaking"
+    DECAY = "free_decay"
     FALL = "fall"
-    REST = "rest pose"
-    MOTION = "whole motion"
+    REST = "rest_pose"
+    MOTION = "whole_motion"
 
 
 class Feature(NamedTuple):

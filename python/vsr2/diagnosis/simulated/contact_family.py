@@ -18,7 +18,7 @@ from vsr2.effects.standing import settle_at
 from vsr2.trial import Trial
 
 
-class ContactModel(Effect):
+class AlternativeContact(Effect):
     """Another correct model of the same contact."""
 
     name = "contact_model"
@@ -69,7 +69,7 @@ class ContactModel(Effect):
 
 
 CONTACT_FAMILY: tuple[Nuisance, ...] = tuple(
-    Nuisance(ContactModel(), p.name, Uniform(p.lower, p.upper), label=f"contact_{p.name}")
-    for p in ContactModel.parameters
+    Nuisance(AlternativeContact(), p.name, Uniform(p.lower, p.upper), label=f"contact_{p.name}")
+    for p in AlternativeContact.parameters
 )
 """A contact model for every campaign; its size is chosen by hand, and judged on another engine."""

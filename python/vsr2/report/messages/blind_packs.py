@@ -12,7 +12,7 @@ from vsr2.report.messages.templates import check_worded, filled_in
 
 if TYPE_CHECKING:
     from vsr2.blind.custodian.pack_making import Made
-    from vsr2.blind.pack_diagnoses import Progress
+    from vsr2.blind.pack_diagnoses import PackOutcome
     from vsr2.codes import Statement
 
 EVENTS: Mapping[str, str] = {
@@ -55,7 +55,7 @@ def event_text(event: Statement) -> str:
     return filled_in(EVENTS[event.code], values)
 
 
-def diagnosed_pack(progress: Progress, out: Path) -> str:
+def diagnosed_pack(progress: PackOutcome, out: Path) -> str:
     """How many diagnoses there are, and how many failed."""
     return f"{out}: {progress.done} diagnoses, {len(progress.failed)} failed"
 

@@ -13,7 +13,7 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from vsr2.codes import TIERS
-from vsr2.diagnosis.observed.features import FeatureChannel
+from vsr2.diagnosis.observed.features import FeatureChannel, Phase
 from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import LimitCode, ReasonCode, VerdictKind
 from vsr2.diagnosis.where.scan import LocationKind
@@ -36,6 +36,7 @@ _CODES: Mapping[str, Iterable[str]] = {
     "verdicts": VerdictKind,
     "closes": [kind for kind in VerdictKind if kind.names_effects],
     "locations": LocationKind,
+    "phases": Phase,
     "missing": TIERS,
 }
 """What sections of `verdicts.toml` word."""
@@ -102,6 +103,11 @@ def next_measurement(measure: Mapping[str, Any]) -> str:
     word = "; and " if measure["kind"] == MeasurementKind.BOTH else "; or "
     own = word.join(instrument(code) for code in measure["instruments"])
     return _say("notes", "next_measurement", own=own, **measure)
+
+
+def phase(code: str) -> str:
+    """Part of the response, or of the motion."""
+    return _say("phases", str(code))
 
 
 def location(row: Mapping[str, Any]) -> str:
