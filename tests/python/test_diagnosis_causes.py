@@ -97,7 +97,7 @@ def test_every_key_is_explained(found) -> None:
     jsonschema.validate(content, causes_schema())
     assert set(content) == set(causes_schema()["properties"])
     with pytest.raises(jsonschema.ValidationError):
-        jsonschema.validate(content | {"named": "registration"}, causes_schema())
+        jsonschema.validate(content | {"together": "registration"}, causes_schema())
     held_out = content["held_out"]
     parts = (content, content["emulator"], held_out, held_out["all"], content["causes"][0])
     for part in (*parts, held_out["controls"], held_out["logistic"]):

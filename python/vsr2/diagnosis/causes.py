@@ -83,13 +83,11 @@ class FoundCausesConstants:
 
     Attributes:
         likely: probability from which a cause goes into the corrected scene.
-        named: probability from which it is named.
         together: sets of causes that are listed.
         interval: quantiles at the ends of a parameter's interval.
     """
 
     likely: float = 0.5
-    named: float = 0.9
     together: int = 8
     interval: tuple[float, float] = (0.05, 0.95)
 
@@ -121,11 +119,6 @@ class Causes:
     def acting(self) -> dict[str, float]:
         """Probability that each effect acts, the greatest first."""
         return {row["name"]: row["acts"] for row in self.content["causes"]}
-
-    @property
-    def named(self) -> tuple[str, ...]:
-        """Effects that are named."""
-        return tuple(self.content["named"])
 
     def to_json(self) -> str:
         """The text of causes.json."""
@@ -385,7 +378,6 @@ def _inferred(
     scatter = zip(("motion", "trial"), model.scatter(particles), strict=True)
     return {
         "causes": rows,
-        "named": [row["name"] for row in rows if row["acts"] >= FOUND_CAUSES.named],
         "together": _together(particles, model.names),
         "log_evidence": posterior.log_evidence,
         "motion_stronger_by": _stronger(model, particles),

@@ -95,7 +95,6 @@ class _Causes(SchemaPart):
     trials: int
     motions: int
     causes: list[_Cause]
-    named: list[str]
     together: list[_Together]
     log_evidence: float
     motion_stronger_by: _Size

@@ -56,8 +56,11 @@ def _causes(content: Mapping[str, Any]) -> str:
             for name, one in row["parameters"].items()
         ]
         rows.append([row["name"], f"{row['acts']:.2f}", "; ".join(sizes)])
-    named = ", ".join(content["named"])
-    head = f"named: {named}" if named else "no effect is named: none acts with enough certainty"
+    leading = content["causes"][0]
+    head = (
+        f"most probable: {leading['name']}, with {leading['acts']:.2f} by these scenes; other "
+        "scenes (--seed) may say otherwise, so believe what two seeds find"
+    )
     quality = content["emulator"]
     knows = f"margins of {counted(quality['used'], 'scene')}; " + (
         "they are equal in all of them, and tell nothing"
