@@ -104,7 +104,7 @@ def waterfall_steps(content: Mapping[str, Any]) -> list[tuple[str, str | None, M
     for step in content["held_out"]["waterfall"]:
         new = next((name for name in step["causes"] if name not in before), None)
         before = set(step["causes"])
-        steps.append((f"with {new}" if new else "less sure of itself", new, step["loss"]))
+        steps.append((f"+ {new}" if new else "scatter fitted", new, step["loss"]))
     return steps
 
 
