@@ -108,7 +108,7 @@ TEST(PitchSpring, SwingsFreelyWithoutARock) {
   for (const auto& world : worlds(table({.spring = spring}))) {
     shake(*world, 2.0, 3.0);
     const Swing found = swing(*world, 0.0, 8);
-    // The joint's swinging is exact; crossings and peaks are told from samples.
+    // The joint's swinging is exact; crossings and peaks are taken from samples.
     EXPECT_NEAR(found.frequency, 6.0 * std::sqrt(1 - 0.05 * 0.05), 1e-3);
     EXPECT_NEAR(found.damping, 0.05, 1e-3);
   }
@@ -177,7 +177,7 @@ TEST(PitchSpring, TurnsUnderAnEccentricWeight) {
       EXPECT_NEAR(pitch(*world), moment / stiffness, 3e-4 * moment / stiffness);
       EXPECT_GT(pitch(*world), 1e-3);
       EXPECT_LT(world->rock().v_WB.norm(), 1e-5);
-      // Put down anew as it rests, it stays so: nothing jumps.
+      // Put down again as it rests, it stays so: nothing jumps.
       const RockState rest = world->rock();
       const double before = pitch(*world);
       world->delete_rock();

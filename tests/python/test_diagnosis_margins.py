@@ -65,7 +65,7 @@ def rows_on(space, name):
 
 
 @pytest.mark.parametrize("ends", [None, (0.0, 360.0), (-90.0, 270.0)])
-def test_a_primary_angle_is_told_by_where_it_points(ends) -> None:
+def test_a_primary_angle_is_known_by_where_it_points(ends) -> None:
     effect = library()["registration"]
     if ends is not None:
         effect = effect.with_prior("yaw", *ends)
@@ -75,8 +75,8 @@ def test_a_primary_angle_is_told_by_where_it_points(ends) -> None:
     features = space.features(points, np.ones((200, 1), dtype=bool))
     yaw = np.radians([space.values("registration", point)[0] for point in points])
     columns = [space.feature_names.index(f"registration.yaw.{part}") for part in ("cos", "sin")]
-    told = np.stack([np.cos(yaw) - 1, np.sin(yaw)], axis=1)
-    np.testing.assert_allclose(features[:, columns], told, atol=1e-8)
+    expected = np.stack([np.cos(yaw) - 1, np.sin(yaw)], axis=1)
+    np.testing.assert_allclose(features[:, columns], expected, atol=1e-8)
 
 
 def test_every_effect_moves_features_of_its_own_alone() -> None:
@@ -410,8 +410,8 @@ def test_shares_sum_to_what_all_causes_take_off() -> None:
     overturned = rng.random(30) < 0.5
     names = ("a", "b", "c")
     sets = [frozenset(chosen) for k in range(4) for chosen in combinations(names, k)]
-    told = {one: rng.uniform(0.1, 0.9, 30) for one in sets}
-    judged = HeldOutCauses(names, told, rng.uniform(0.1, 0.9, 30), overturned, np.arange(30) % 5)
+    given = {one: rng.uniform(0.1, 0.9, 30) for one in sets}
+    judged = HeldOutCauses(names, given, rng.uniform(0.1, 0.9, 30), overturned, np.arange(30) % 5)
     total = sum(judged.share(name) for name in names)
     np.testing.assert_allclose(total, judged.loss(frozenset()) - judged.loss(frozenset(names)))
 

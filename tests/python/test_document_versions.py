@@ -18,13 +18,14 @@ from vsr2.blind.form.seal import KEY_SCHEMA, PACK_SCHEMA
 from vsr2.blind.pack_diagnoses import SUBMISSION_SCHEMA
 from vsr2.campaign.description import SCHEMA as CAMPAIGN_SCHEMA
 from vsr2.campaign.description import campaign_schema
-from vsr2.diagnosis import schema
+from vsr2.diagnosis import causes_schema, schema
 from vsr2.diagnosis.coverage.coverage_scores import coverage_scores
 from vsr2.diagnosis.coverage.judged import Judged, RankOf
 from vsr2.diagnosis.iteration import ITERATION_SCHEMA, Ended
 from vsr2.diagnosis.posterior.naming import VerdictKind
 from vsr2.diagnosis.posterior_check import SCHEMA as CHECK_SCHEMA
 from vsr2.diagnosis.posterior_check import PosteriorCheck
+from vsr2.diagnosis.verdict.causes_schema import CAUSES_SCHEMA
 from vsr2.diagnosis.verdict.document import SCHEMA
 from vsr2.results.result_folder import FORMAT, FORMAT_VERSION
 
@@ -66,6 +67,7 @@ def posterior_check() -> Any:
 
 DOCUMENTS: dict[str, Any] = {
     SCHEMA: schema(),
+    CAUSES_SCHEMA: causes_schema(),
     CHECK_SCHEMA: keys_of(posterior_check()),
     ITERATION_SCHEMA: [Ended, VerdictKind],
     # Its columns stand in the file and are compared by name.
@@ -80,6 +82,7 @@ RECORDED: dict[str, str] = {
     "vsr2.diagnosis/5": "35bdd52a5044b778",
     "vsr2.diagnosis/6": "ffe38a2bc1511061",
     "vsr2.diagnosis/7": "d524a83f79afecb7",
+    "vsr2.causes/2": "dfb9566fb1750253",
     "vsr2.posterior_check/1": "0e7a0c51e47b3910",
     "vsr2.iteration/1": "1e98753e9abf73ba",
     "vsr2 result/3": "bef9853494f8c9dd",

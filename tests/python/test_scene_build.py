@@ -290,10 +290,10 @@ def test_impacts_that_may_gain_energy_are_a_warning() -> None:
     contact = {"rock": LIVELY, "pedestal": LIVELY}
     with pytest.warns(SceneWarning, match="impacts may gain energy") as caught:
         build_scene(block(engine={"time_step": 0.004}, contact=contact))
-    told = str(caught[0].message)
-    assert "restitution of 0.64" in told
-    assert "undoes, 0.963" in told
-    assert "time_step to 8.65e-05 s or less" in told
+    said = str(caught[0].message)
+    assert "restitution of 0.64" in said
+    assert "undoes, 0.963" in said
+    assert "time_step to 8.65e-05 s or less" in said
     # Two solver steps of 8.6e-5 s each.
     assert build_scene(block(engine={"time_step": 1.72e-4, "substeps": 2}, contact=contact))
     dull = {**LIVELY, "restitution": 0.0}

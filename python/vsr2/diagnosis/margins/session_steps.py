@@ -38,12 +38,12 @@ class StepTableConstants:
     """How finely the effects of steps are tabled; chosen by hand.
 
     Attributes:
-        places: among the sessions, from the first to the last, at which what acts in each trial is
-            tabled: fewer trials lie between two of them.
+        grid_points: among the sessions, from the first to the last, at which what acts in each
+            trial is tabled: fewer trials lie between two of them.
         shares: of a range, from -1 to 1, at which a parameter's values are tabled.
     """
 
-    places: int = 401
+    grid_points: int = 401
     shares: int = 201
 
 
@@ -142,7 +142,7 @@ class SessionSteps:
             points: coordinates of the steps, shape (n, coordinates).
         """
         at = points[:, self._columns[name, _AT]]
-        return self._afters[name][np.rint(at * (STEP_TABLE.places - 1)).astype(np.int64)]
+        return self._afters[name][np.rint(at * (STEP_TABLE.grid_points - 1)).astype(np.int64)]
 
     def _join(self, name: str, features: Array, points: Array) -> None:
         """Make features of scenes those in which a step acts as well."""
@@ -177,7 +177,7 @@ class SessionSteps:
 
     @cached_property
     def _afters(self) -> dict[str, Acts]:
-        """Which trials come after each step, shape (places, trials)."""
+        """Which trials come after each step, shape (grid points, trials)."""
         in_time = np.argsort(self.order, kind="stable")
         known = tuple(dict.fromkeys(self.sessions[i] for i in in_time))
         rng = np.random.default_rng(0)  # No step draws.
@@ -188,9 +188,10 @@ class SessionSteps:
         found = {}
         for name in self.names:
             step = self.space.library[name]
-            places = np.linspace(0.0, 1.0, STEP_TABLE.places).tolist()
+            positions = np.linspace(0.0, 1.0, STEP_TABLE.grid_points).tolist()
             values = [
-                step.extreme() | {_AT: value_at(step.parameter(_AT), place)} for place in places
+                step.extreme() | {_AT: value_at(step.parameter(_AT), position)}
+                for position in positions
             ]
             found[name] = np.array(
                 [[not step.is_null(step.at(own, one)) for one in trials] for own in values]

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, Literal
+from typing import Any, Literal, get_args
 
 from pydantic import Field
 
@@ -10,7 +10,8 @@ from vsr2.diagnosis.margins.cause_space import NotJudged
 from vsr2.diagnosis.verdict.diagnosis_schema import Control, Controls, Estimate, SchemaPart, Share
 from vsr2.errors import Fault
 
-CAUSES_SCHEMA = "vsr2.causes/2"
+CausesSchema = Literal["vsr2.causes/2"]
+CAUSES_SCHEMA: CausesSchema = get_args(CausesSchema)[0]
 """Form of causes.json."""
 Ends = tuple[float | None, float | None]
 
@@ -90,7 +91,7 @@ class _HeldOut(SchemaPart):
 class _Causes(SchemaPart):
     """The causes of a campaign's outcomes, several at once."""
 
-    form: Literal["vsr2.causes/2"] = Field(alias="schema")
+    form: CausesSchema = Field(alias="schema")
     campaign: str
     trials: int
     motions: int
