@@ -192,7 +192,7 @@ def find_causes(
         scene: the study of the scene, its effects included, or its file. Its motions are not used.
         out: folder for tables, the corrected scene and simulations, which later runs reuse; None:
             nothing is written.
-        scenes: whose margins are sought, each by three to six simulations of a trial; None: as
+        scenes: whose margins are sought, each by about three simulations of a trial; None: as
             many as usual (`SceneConstants`).
         hypotheses: effects, priors and nuisances; at most how many act is not asked.
         posterior_draws: scenes with what acts in a draw of the posterior each, to predict with.

@@ -110,9 +110,9 @@ class SessionSteps:
             points: coordinates of all that may act, shape (n, coordinates).
             acts: which of it act, shape (n, names).
         """
-        effects, steps = len(self.space.names), len(self.space.coordinates)
-        features = self.space.features(points[:, :steps], acts[:, :effects])
-        points, acts = points[:, steps:], acts[:, effects:]
+        effects, first = len(self.space.names), len(self.space.coordinates)
+        features = self.space.features(points[:, :first], acts[:, :effects])
+        points, acts = points[:, first:], acts[:, effects:]
         mean, variance = emulator(np.hstack([features, nuisances]))
         late = {
             name: self.after(name, points) & acts[:, k, None] for k, name in enumerate(self.names)
