@@ -21,7 +21,7 @@ def hazard(
     confidence: float = INTERVALS.level,
     json: Json = False,
 ) -> int:
-    """Print the rate and the excluded age; what the verb is for stands where it is registered.
+    """Print the rate of overturning and the excluded age; `main` holds the text of the help.
 
     Args:
         site: longitude and latitude of one of several sites in the file [degree]

@@ -19,7 +19,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     resampled_means,
     share_of_gap,
 )
-from vsr2.diagnosis.how_far.held_out import HELD_OUT, Loss
+from vsr2.diagnosis.how_far.held_out import CONTROLS, HELD_OUT, HowFar, Loss
 from vsr2.diagnosis.how_far.negative_controls import (
     recalibrated,
     with_change_of,
@@ -71,7 +71,8 @@ def explained_gap(
     means = dict(zip(losses, np.vstack([values.mean(axis=1), drawn]).T, strict=True))
     before, after = means[Loss.BEFORE], means[Loss.AFTER]
     gap = before - means[Loss.FLOOR]
-    better = np.min([before, means[Loss.RECALIBRATED], means[Loss.DEALT]], axis=0)
+    own = {name: losses[name] for name in Loss}
+    judged_gap = HowFar(own, as_it_is.probability, judged.everything, motion, judged.causes)
 
     def closes(model: Array) -> dict[str, Any]:
         return {
@@ -84,8 +85,8 @@ def explained_gap(
         "waterfall": [{"causes": sorted(step)} | closes(means[_label(step)]) for step in steps],
         "all": closes(after),
         "floor": {"loss": interval(means[Loss.FLOOR]).to_json()},
-        "controls": {one.value: closes(means[one]) for one in (Loss.RECALIBRATED, Loss.DEALT)},
-        "beyond_controls": share_of_gap(better - after, gap).to_json(),
+        "controls": {one.value: closes(means[one]) for one in CONTROLS},
+        "beyond_controls": judged_gap.headline().to_json(),
         "shares": {
             cause: {
                 "loss": interval(means[f"share {cause}"]).to_json(),

@@ -1,9 +1,9 @@
 """Effects that act from a session on: their margins are those of scenes that have them throughout.
 
 No scene is simulated for them. A trial before the step has the margin of the scene without it, a
-trial after it the margin of the scene with it. What acts twice is joined as effects are
+trial after it the margin of the scene with it. What acts twice is joined nearly as effects are
 (:meth:`vsr2.effects.Effect.twice`): turns add, slopes add as vectors, and other sizes add as shares
-of their range.
+of their range. But a lean keeps its direction in plan where a step turns the specimen.
 """
 
 from __future__ import annotations

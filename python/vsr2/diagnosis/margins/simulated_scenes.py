@@ -157,9 +157,7 @@ def simulate_scenes(
         rng = np.random.default_rng([seed, MarginStream.ROUNDS, start])
         emulator = found.known().emulator(space)
         nuisances = done.nuisances(start, stop)
-        model = OutcomeModel(
-            space, emulator, overturned, motions, nuisances.shape[1], allowed
-        )  # fmt: skip
+        model = OutcomeModel(space, emulator, overturned, motions, nuisances.shape[1], allowed)
         if start == random:
             chosen = _least_known(model, nuisances, rng)
         else:
