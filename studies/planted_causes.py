@@ -1,12 +1,11 @@
-"""Whether causes act as often as is stated: drawn scenes of the laboratory's campaign as truth.
+"""Whether causes act as often as is stated: simulated campaigns of the laboratory's as truth.
 
-    python studies/lab_several_causes.py        # simulates the scenes
-    python studies/planted_causes.py [--scenes N] [--seed N]
+    python studies/lab_several_causes.py        # simulates the scenes of the emulator
+    python studies/planted_causes.py [--campaigns N] [--scenes N] [--seed N]
 
-Each scene of the prior stands for a laboratory once: its margins, shifted by a motion that is
-stronger or weaker in a quarter of them, give the outcomes. The emulator knows all scenes but that
-one. The prior of what acts is the scenes' own: each effect in a quarter of them. Writes to OUT, for
-bins of the stated probability, how often effects acted.
+What acts in a planted campaign is drawn from the prior of the outcome model: about two effects, a
+strength of the motion and scatter. All its trials are simulated; the emulator has not seen them.
+Writes to OUT, for bins of the stated probability, how often effects acted.
 """
 
 from __future__ import annotations
@@ -22,8 +21,9 @@ from vsr2.campaign import load_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis import Hypotheses
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
-from vsr2.diagnosis.margins.cause_space import CAUSES, cause_space
-from vsr2.diagnosis.margins.outcome_model import OUTCOME_MODEL, OutcomeModel
+from vsr2.diagnosis.margins.cause_space import cause_space
+from vsr2.diagnosis.margins.margin_search import scene_margins
+from vsr2.diagnosis.margins.outcome_model import OutcomeModel
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
@@ -41,43 +41,43 @@ def main() -> None:
     parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
     parser.add_argument("--cache", type=Path, default=HERE.parent / "out" / "lab_several_causes")
     parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "planted_causes.csv")
+    parser.add_argument("--campaigns", type=int, default=30)
     parser.add_argument("--scenes", type=int, default=SCENES.usual)
+    parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     campaign = load_campaign(options.campaign).with_motion()
     asked = Hypotheses(exclude=["base_slope"], contact_family=())
-    simulator = SceneSimulator(campaign, load_study(options.scene), hypotheses=asked)
+    simulator = SceneSimulator(
+        campaign, load_study(options.scene), hypotheses=asked, threads=options.threads
+    )
     space = cause_space(simulator.library, simulator.excluded)
     motions = np.asarray(campaign.motion_ids)
-    with SimulationCache(simulator, options.cache / SIMULATIONS) as cache:
-        scenes = simulate_scenes(cache, space, campaign.overturned > 0, motions, options.scenes)
-    usable = np.isfinite(scenes.margins).mean(axis=1) >= 0.5
-    from_prior = (np.arange(len(scenes)) < SCENES.at_random(options.scenes))[usable]
-    known = scenes.known()
-    emulator = known.emulator(space)
-    covariance = np.linalg.inv(emulator.inverse)
-    expected = CAUSES.acting * len(space.all_names)
-    rng = np.random.default_rng(options.seed)
+    overturned, rng = campaign.overturned > 0, np.random.default_rng(options.seed)
     stated, true = [], []
-    for k in np.flatnonzero(from_prior):
-        rest = np.arange(len(known)) != k
-        without = replace(
-            emulator,
-            scenes=emulator.scenes[rest],
-            inverse=np.linalg.inv(covariance[np.ix_(rest, rest)]),
-            deviations=emulator.deviations[rest],
-        )
-        strong = rng.random() < CAUSES.acting
-        factor = OUTCOME_MODEL.strength * rng.standard_normal() if strong else 0.0
-        margins = np.where(np.isnan(known.margins[k]), emulator.centre, known.margins[k])
-        outcomes = margins < factor
+    with SimulationCache(simulator, options.cache / SIMULATIONS) as cache:
+        scenes = simulate_scenes(cache, space, overturned, motions, options.scenes)
+        emulator = scenes.known().emulator(space)
+        nuisances = len(simulator.nuisance_names)
+        model = OutcomeModel(space, emulator, overturned, motions, nuisances)
+        drawn = model.draw(options.campaigns, rng)
+        guess = model.margins(drawn)[0] + model.log_strength(drawn)[:, None]
+        planted = [
+            (options.scenes + k + 1, space.effects(drawn.points[k], drawn.acts[k, :-1]))
+            for k in range(options.campaigns)
+        ]
+        margins = scene_margins(cache, planted, guess, np.ones_like(guess, dtype=bool))
+    _, motion = np.unique(motions, return_inverse=True)
+    by_motion, by_trial = model.scatter(drawn)
+    for k, own in enumerate(margins):
+        own = np.where(np.isnan(own), guess[k], own) - model.log_strength(drawn)[k]
+        own = own + by_motion[k] * rng.standard_normal(motion.max() + 1)[motion]
+        outcomes = own + by_trial[k] * rng.standard_normal(own.size) < 0
         if outcomes.all() or not outcomes.any():
             continue
-        nuisances = known.nuisances.shape[1]
-        model = OutcomeModel(space, without, outcomes, motions, nuisances, expected=expected)
-        found = sample_posterior(model, np.arange(outcomes.size), rng)
+        found = sample_posterior(replace(model, overturned=outcomes), np.arange(outcomes.size), rng)
         stated.append(found.particles.acts.mean(axis=0))
-        true.append(np.append(known.acts[k], strong))
+        true.append(drawn.acts[k])
         print(f"{len(true)} campaigns", flush=True)
     said, acted = np.array(stated), np.array(true)
     rows = []

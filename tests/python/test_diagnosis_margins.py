@@ -16,7 +16,9 @@ from vsr2.diagnosis.margins import held_out_causes
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.cause_space import cause_space, draw_scene
 from vsr2.diagnosis.margins.held_out_causes import HeldOutCauses, held_out_probability
-from vsr2.diagnosis.margins.margin_emulator import EMULATOR, _loss, fit_emulator
+from vsr2.diagnosis.margins.margin_emulator import emulator_of, fit_emulator
+from vsr2.diagnosis.margins.margin_kernel import KernelLoss, MarginKernel, fit_kernel, parts
+from vsr2.diagnosis.margins.margin_levels import Level, margin_levels
 from vsr2.diagnosis.margins.margin_search import SEARCH, search_margins
 from vsr2.diagnosis.margins.outcome_model import (
     OUTCOME_MODEL,
@@ -26,6 +28,7 @@ from vsr2.diagnosis.margins.outcome_model import (
     emulated_nuisances,
 )
 from vsr2.diagnosis.margins.simulated_scenes import _least_known
+from vsr2.diagnosis.margins.trial_groups import GROUPS, TrialGroups, trial_groups
 from vsr2.effects import library
 
 # --- coordinates ----------------------------------------------------------------------------------
@@ -149,6 +152,61 @@ def test_where_nothing_is_known_the_search_begins_from_the_motion_as_it_is() -> 
     assert np.abs(found - margins).max() <= 0.5 * SEARCH.width + 1e-12
 
 
+# --- groups and levels ----------------------------------------------------------------------------
+
+
+def test_each_group_has_trials_of_every_motion() -> None:
+    motions = np.repeat(["a", "b", "c", "d"], [9, 8, 10, 2])
+    groups = trial_groups(motions)
+    assert len(groups) == 8.5 // GROUPS.asked
+    assert groups.asked.any(axis=0).all(), "each trial is asked for"
+    for k in range(groups.motions):
+        counts = groups.asked[:, groups.motion == k].sum(axis=1)
+        assert counts.min() >= 1
+        assert np.ptp(counts) <= 1
+    assert np.ptp(groups.asked.sum(axis=1)) <= groups.motions
+
+
+def test_trials_of_motions_of_their_own_are_asked_for_in_every_scene() -> None:
+    groups = trial_groups(np.array(["a", "b", "c"]))
+    assert len(groups) == 1
+    assert groups.asked.all()
+
+
+def three_levels(scenes, rng):
+    """Margins that are sums of a scene's, a motion's and a trial's, and those asked for."""
+    groups = trial_groups(np.repeat([f"m{i}" for i in range(5)], 6))
+    group = np.arange(scenes) % len(groups)
+    common = rng.normal(0, 0.3, scenes)
+    by_motion = rng.normal(0, 0.2, (scenes, 5))
+    by_trial = rng.normal(0, 0.05, (scenes, 30))
+    centre = rng.normal(0, 1, 30)
+    margins = centre + common[:, None] + by_motion[:, groups.motion] + by_trial
+    return np.where(groups.asked[group], margins, np.nan), group, groups
+
+
+def test_levels_sum_to_the_margins_that_were_found() -> None:
+    asked, group, groups = three_levels(40, np.random.default_rng(3))
+    levels = margin_levels(asked, group, groups)
+    assert np.abs(levels.by_motion.sum(axis=1)).max() < 1e-12
+    for one in levels.by_trial:
+        rows = np.ix_(one.scenes, one.trials)
+        motion = groups.motion[one.trials]
+        total = levels.centre[one.trials] + levels.common[one.scenes, None]
+        total = total + levels.by_motion[one.scenes][:, motion] + one.deviations
+        np.testing.assert_allclose(total, asked[rows], atol=1e-12)
+        assert one.free == one.trials.size - groups.motions
+
+
+def test_a_motion_whose_margins_never_differ_is_left_out() -> None:
+    asked, group, groups = three_levels(30, np.random.default_rng(5))
+    asked[:, groups.motion == 2] = np.where(np.isfinite(asked[:, groups.motion == 2]), 1.0, np.nan)
+    levels = margin_levels(asked, group, groups)
+    assert levels.varied.tolist() == [True, True, False, True, True]
+    assert not levels.by_motion[:, 2].any()
+    assert {one.count for one in parts(levels)} == {1, 3, 4}
+
+
 # --- emulator -------------------------------------------------------------------------------------
 
 
@@ -158,55 +216,107 @@ def quadratic(features):
     return np.stack([0.3 * x + 0.1 * y, 0.2 - 0.4 * x * y, 0.2 * y**2 - 0.3 * x], axis=1)
 
 
+def fitted(features, margins, motions=None):
+    """Every scene was asked for all trials."""
+    motion = np.arange(margins.shape[1]) if motions is None else np.asarray(motions)
+    groups = TrialGroups(motion, np.ones((1, motion.size), dtype=bool))
+    return fit_emulator(features, margins, np.zeros(len(features), dtype=int), groups)
+
+
+def told(emulator, features):
+    return emulator(features, np.zeros(len(features)))
+
+
 @pytest.fixture(scope="module")
 def emulator():
     features = np.random.default_rng(5).uniform(-1, 1, (80, 6))
-    return fit_emulator(features, quadratic(features))
+    return fitted(features, quadratic(features))
 
 
 def test_an_emulator_learns_squares_and_products(emulator) -> None:
     features = np.random.default_rng(6).uniform(-1, 1, (200, 6))
-    mean, variance = emulator(features)
+    mean, by_motion, by_trial = told(emulator, features)
     errors = mean - quadratic(features)
-    # The least noise of the fit is exp(-4) = 0.018; its mean error is a part of that.
+    # The least noise of a level is exp(-4) = 0.018; its mean error is a part of that.
     assert np.sqrt((errors**2).mean()) < 0.01
-    assert (variance >= emulator.noise**2).all()
-    used, idle = emulator.weights[:2], emulator.weights[2:]
+    assert (by_motion >= emulator.kernel.noise[Level.MOTION] ** 2).all()
+    assert not by_trial.any(), "each trial is the only one of its motion"
+    used, idle = emulator.kernel.weights[:2], emulator.kernel.weights[2:]
     assert idle.max() < 0.05 * used.min()
 
 
-def test_errors_of_scenes_left_out_are_those_of_a_fit_without_them() -> None:
+def grouped(rng, scenes=60):
+    """Effects of all trials, of motions and of single trials, of which a part is asked for."""
+    groups = trial_groups(np.repeat([f"m{i}" for i in range(6)], 6))
+    features = rng.uniform(-1, 1, (scenes, 5))
+    slopes = np.tile(np.array([0.4, -0.2, 0.0, 0.0, 0.0])[:, None], 36)
+    slopes[2:4] += rng.normal(0, 0.2, (2, 6))[:, groups.motion]
+    slopes[:2] += rng.normal(0, 0.05, (2, 36))
+    margins = features @ slopes + rng.normal(0, 0.03, (scenes, 36))
+    group = np.arange(scenes) % len(groups)
+    return features, margins, np.where(groups.asked[group], margins, np.nan), group, groups
+
+
+def test_trials_that_were_not_asked_for_are_told_by_those_of_their_motion() -> None:
+    """A third of the margins serves nearly as all, and better than a third of the scenes."""
     rng = np.random.default_rng(7)
-    features = rng.uniform(-1, 1, (12, 2))
-    margins = quadratic(features) + 0.05 * rng.standard_normal((12, 3))
-    whole = fit_emulator(features, margins)
-    errors, deviation = whole.left_out()
-    rest = np.arange(12) != 3
-    covariance = np.linalg.inv(whole.inverse)
-    inverse = np.linalg.inv(covariance[np.ix_(rest, rest)])
-    crossed = covariance[3, rest]
-    expected = crossed @ inverse @ whole.deviations[rest]
-    np.testing.assert_allclose(errors[3], whole.deviations[3] - expected, atol=1e-9)
-    variance = covariance[3, 3] - crossed @ inverse @ crossed
-    assert deviation[3] == pytest.approx(np.sqrt(variance))
+    features, margins, asked, group, groups = grouped(rng, 90)
+    train, rest = slice(0, 60), slice(60, 90)
+    third = fit_emulator(features[train], asked[train], group[train], groups)
+    few = fitted(features[:20], margins[:20], groups.motion)
+    every = fitted(features[train], margins[train], groups.motion)
+    error = {
+        name: np.sqrt(((told(one, features[rest])[0] - margins[rest]) ** 2).mean())
+        for name, one in (("third", third), ("few", few), ("every", every))
+    }
+    assert error["every"] <= error["third"] < error["few"]
+    # The noise of a margin is 0.03; twenty scenes tell slopes of single trials to some 0.02.
+    assert error["third"] < 0.05
+
+
+def test_errors_of_scenes_left_out_are_those_of_an_emulator_without_them() -> None:
+    rng = np.random.default_rng(8)
+    features, _, asked, group, groups = grouped(rng)
+    levels = margin_levels(asked, group, groups)
+    whole = emulator_of(fit_kernel(features, levels), features, levels)
+    for row in (0, 7):
+        rest = np.arange(len(features)) != row
+        others = replace(margin_levels(asked[rest], group[rest], groups), centre=levels.centre)
+        without = emulator_of(whole.kernel, features[rest], others)
+        mean, by_motion, by_trial = told(without, features[[row]])
+        own = groups.asked[group[row]]
+        # The mean of a trial has moved a little, and numbers of trials are typical ones.
+        np.testing.assert_allclose(whole.errors[row, own], (asked[row] - mean[0])[own], atol=0.03)
+        common = without.processes[Level.ALL].variance(features[[row]] * whole.kernel.weights)
+        spread = np.sqrt(by_motion[0] + by_trial[0] + common[0])
+        np.testing.assert_allclose(whole.expected[row, own], spread, rtol=0.15)
+    assert np.isnan(whole.errors[0][~groups.asked[group[0]]]).all()
+
+
+def test_an_error_that_all_trials_share_moves_all_of_them(emulator) -> None:
+    features = np.random.default_rng(6).uniform(-2, 2, (5, 6))
+    plain, moved = (emulator(features, np.full(5, error))[0] for error in (0.0, 1.0))
+    shift = moved - plain
+    variance = emulator.processes[Level.ALL].variance(features * emulator.kernel.weights)
+    np.testing.assert_allclose(shift, np.tile(np.sqrt(variance)[:, None], 3), rtol=1e-9)
 
 
 def test_a_scene_to_come_is_known_without_its_margins() -> None:
     """Variances of a Gaussian process rest on where it was asked alone, not on what it heard."""
     rng = np.random.default_rng(7)
     features = rng.uniform(-1, 1, (12, 2))
-    whole = fit_emulator(features, quadratic(features) + 0.05 * rng.standard_normal((12, 3)))
+    whole = fitted(features, quadratic(features) + 0.05 * rng.standard_normal((12, 3)))
+    process, weights = whole.processes[Level.ALL], whole.kernel.weights
     before = replace(
-        whole,
-        scenes=whole.scenes[:-1],
-        inverse=np.linalg.inv(np.linalg.inv(whole.inverse)[:-1, :-1]),
-        deviations=whole.deviations[:-1],
+        process,
+        scenes=process.scenes[:-1],
+        inverse=np.linalg.inv(np.linalg.inv(process.inverse)[:-1, :-1]),
     )
-    after = before.knowing(features[-1])
-    elsewhere = rng.uniform(-2, 2, (20, 2))
-    np.testing.assert_allclose(after(elsewhere)[1], whole(elsewhere)[1], rtol=1e-6)
-    np.testing.assert_allclose(after(elsewhere)[0], before(elsewhere)[0], atol=1e-8)
-    assert after(features[-1:])[1][0] < before(features[-1:])[1][0]
+    after = before.knowing(features[-1] * weights)
+    elsewhere = rng.uniform(-2, 2, (20, 2)) * weights
+    np.testing.assert_allclose(after.variance(elsewhere), process.variance(elsewhere), rtol=1e-6)
+    known = features[-1:] * weights
+    assert after.variance(known)[0] < before.variance(known)[0]
 
 
 def test_scenes_are_chosen_where_the_emulator_knows_least() -> None:
@@ -217,16 +327,11 @@ def test_scenes_are_chosen_where_the_emulator_knows_least() -> None:
     acts = np.tile([True, False], (30, 1))
     features = np.hstack([model.space.features(points, acts), emulated_nuisances(nuisances)])
     margins = 0.5 * features[:, :1] + np.linspace(-0.4, 0.4, 4)
-    emulator = fit_emulator(features, margins)
-    weights = np.full_like(emulator.weights, 0.3)
-    emulator = replace(
-        emulator, weights=weights, scenes=features * weights,
-        inverse=np.linalg.inv(
-            emulator._kernel((features * weights) @ (features * weights).T)
-            + emulator.noise**2 * np.eye(30)
-        ),
-    )  # fmt: skip
-    model = replace(model, emulator=emulator)
+    levels = fitted(features, margins, [0, 0, 1, 1]).levels
+    kernel = MarginKernel(
+        np.full(features.shape[1], 0.3), 0.1, 0.1, np.array([0.4, 0.3, 0.3]), np.full(3, 0.05)
+    )
+    model = replace(model, emulator=emulator_of(kernel, features, levels))
     chosen = _least_known(model, rng.standard_normal((6, 1)), rng)
     assert chosen.acts[:3, 1].all()
     assert model.prior[1] < 0.7
@@ -234,31 +339,32 @@ def test_scenes_are_chosen_where_the_emulator_knows_least() -> None:
     assert len(np.unique(rows, axis=0)) == 4, "what has been chosen is known"
 
 
-def test_the_gradient_of_the_emulator_s_loss() -> None:
+def test_the_gradient_of_the_loss_of_a_kernel() -> None:
     rng = np.random.default_rng(8)
-    features, margins = rng.standard_normal((15, 4)), rng.standard_normal((15, 6))
-    squares, logs = margins @ margins.T, rng.normal(-1.5, 0.3, 7)
-    gradient = _loss(logs, features, squares, 6)[1]
-    for k in range(7):
-        step = 1e-6 * np.eye(7)[k]
-        ends = [_loss(logs + sign * step, features, squares, 6)[0] for sign in (1, -1)]
-        assert gradient[k] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-4, abs=1e-4)
+    features, _, asked, group, groups = grouped(rng, 24)
+    loss = KernelLoss(features, tuple(parts(margin_levels(asked, group, groups))))
+    logs = loss.start() + rng.normal(0, 0.3, loss.start().size)
+    assert logs.size == len(loss.ends()) == 5 + 2 + 2 + 3
+    gradient = loss(logs)[1]
+    for k in range(logs.size):
+        step = 1e-6 * np.eye(logs.size)[k]
+        ends = [loss(logs + sign * step)[0] for sign in (1, -1)]
+        assert gradient[k] == pytest.approx((ends[0] - ends[1]) / 2e-6, rel=1e-4, abs=1e-3)
 
 
 def test_a_failed_margin_counts_as_the_mean(emulator) -> None:
     features = np.random.default_rng(5).uniform(-1, 1, (80, 6))
     margins = quadratic(features)
     margins[4, 1] = np.nan
-    assert np.isfinite(fit_emulator(features, margins)(features)[0]).all()
-    assert EMULATOR.steps > 1
+    assert np.isfinite(told(fitted(features, margins), features)[0]).all()
 
 
 def test_margins_that_are_equal_everywhere_have_no_error() -> None:
     features = np.random.default_rng(5).uniform(-1, 1, (30, 2))
-    same = fit_emulator(features, np.ones((30, 3))).quality()
+    same = fitted(features, np.ones((30, 3))).quality()
     assert same["used"] == 30
     assert same["spread"] is same["error"] is same["error_over_expected"] is None
-    varied = fit_emulator(features, quadratic(np.tile(features, 3))).quality()
+    varied = fitted(features, quadratic(np.tile(features, 3))).quality()
     assert 0 < varied["error"] < varied["spread"]
 
 
@@ -278,7 +384,7 @@ def toy(overturned, motions, emulator=None, **changes) -> OutcomeModel:
         nuisances = rng.standard_normal((60, 1))
         features = np.hstack([space.features(points, acts), emulated_nuisances(nuisances)])
         offsets = np.linspace(-0.4, 0.4, overturned.size)
-        emulator = fit_emulator(features, offsets + 0.5 * features[:, :1])
+        emulator = fitted(features, offsets + 0.5 * features[:, :1])
     return OutcomeModel(space, emulator, overturned, np.asarray(motions), 1, **changes)
 
 
@@ -286,14 +392,14 @@ def at(space, slenderness, *, acts=True, scatter=(0.0, 0.0)) -> Particles:
     point = np.zeros((1, len(space.coordinates)))
     point[0, 0] = slenderness
     on = np.array([[acts, False, False]])
-    return Particles(point, on, np.zeros((1, 1)), np.zeros(1), np.array([scatter]))
+    return Particles(point, on, np.zeros((1, 1)), np.zeros(1), np.array([scatter]), np.zeros(1))
 
 
 def test_a_trial_of_its_own_motion_has_the_probability_of_a_normal_margin() -> None:
     model = toy([True, False, True], ["a", "b", "c"])
     given = at(model.space, 0.3)
-    mean, variance = model.margins(given)
-    spread = np.sqrt(OUTCOME_MODEL.motion**2 + OUTCOME_MODEL.trial**2 + variance[0])
+    mean, of_motion, of_trial = model.margins(given)
+    spread = np.sqrt(OUTCOME_MODEL.motion**2 + OUTCOME_MODEL.trial**2 + of_motion[0] + of_trial[0])
     chance = (1 - MARGIN.lapse) * ndtr(-mean[0] / spread) + 0.5 * MARGIN.lapse
     np.testing.assert_allclose(model.probability(given, np.arange(3)), chance, rtol=1e-12)
     expected = np.log(chance[0]) + np.log(1 - chance[1]) + np.log(chance[2])
@@ -307,9 +413,10 @@ def test_the_sum_over_a_motion_s_part_is_its_integral() -> None:
     model = toy(outcomes, ["a"] * 4)
     ratio = 3.0 * OUTCOME_MODEL.trial / OUTCOME_MODEL.motion
     given = at(model.space, 0.3, scatter=(np.log(ratio) / OUTCOME_MODEL.spread, 0.0))
-    mean, variance = model.margins(given)
+    mean, of_motion, of_trial = model.margins(given)
     (by_motion,), (by_trial,) = model.scatter(given)
-    common = np.hypot(by_motion, np.sqrt(variance[0]))
+    common = np.hypot(by_motion, np.sqrt(of_motion[0]))
+    by_trial = np.hypot(by_trial, np.sqrt(of_trial[0]))
 
     def likelihood(part: float) -> float:
         chance = ndtr(np.where(outcomes, 1, -1) * (part * common - mean[0]) / by_trial)
@@ -348,8 +455,10 @@ def test_a_trial_without_a_margin_tells_nothing() -> None:
     found = {}
     for outcome in (True, False):
         model = toy([True, outcome, False], motions)
-        centre = np.where(rows == 1, np.nan, model.emulator.centre)
-        model = replace(model, emulator=replace(model.emulator, centre=centre))
+        emulator = model.emulator
+        centre = np.where(rows == 1, np.nan, emulator.levels.centre)
+        levels = replace(emulator.levels, centre=centre)
+        model = replace(model, emulator=replace(emulator, levels=levels))
         found[outcome] = model.log_likelihood(given, rows)[0]
         assert model.probability(given, rows)[1] == 0.5
         rest = model.log_likelihood(given, np.array([0, 2]))[0]

@@ -9,7 +9,8 @@ from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.cause_space import CauseSpace, cause_space
 from vsr2.diagnosis.margins.margin_emulator import fit_emulator
 from vsr2.diagnosis.margins.outcome_model import OutcomeModel, emulated_nuisances
-from vsr2.diagnosis.margins.session_steps import session_steps
+from vsr2.diagnosis.margins.session_steps import SeenScenes, session_steps
+from vsr2.diagnosis.margins.trial_groups import TrialGroups
 from vsr2.effects import Circumstances, library
 
 TRIALS = 60
@@ -29,7 +30,13 @@ def emulator(space, rng):
     features = np.hstack([space.features(points, acts), emulated_nuisances(nuisances)])
     slopes = rng.normal(0, 0.1, (features.shape[1], TRIALS))
     slopes[0] = -0.8
-    return fit_emulator(features, rng.normal(0, 0.2, TRIALS) + features @ slopes)
+    margins = rng.normal(0, 0.2, TRIALS) + features @ slopes
+    groups = TrialGroups(np.arange(TRIALS), np.ones((1, TRIALS), dtype=bool))
+    return fit_emulator(features, margins, np.zeros(150, dtype=int), groups)
+
+
+def seen(learnt, count):
+    return SeenScenes(learnt, np.zeros((count, 1)), np.zeros(count))
 
 
 @pytest.fixture(scope="module")
@@ -85,10 +92,10 @@ def test_before_the_step_is_the_scene_without_it_and_after_it_the_scene_with_it(
 ) -> None:
     points, acts = drawn(steps, 30)
     names = list(steps.together.names)
-    plain = steps.margins(learnt, np.zeros((30, 1)), points, acts)[0]
+    plain = steps.margins(seen(learnt, 30), points, acts)[0]
     stepped = acts.copy()
     stepped[:, names.index("change_point")] = True
-    mean, variance = steps.margins(learnt, np.zeros((30, 1)), points, stepped)
+    mean, *variances = steps.margins(seen(learnt, 30), points, stepped)
     first = len(steps.space.coordinates)
     late = steps.after("change_point", points[:, first:])
     np.testing.assert_array_equal(mean[~late], plain[~late])
@@ -99,9 +106,10 @@ def test_before_the_step_is_the_scene_without_it_and_after_it_the_scene_with_it(
     ]
     throughout[:, 0] = change * 0.15 / 0.06
     on[:, 0] = True
-    whole, its = steps.margins(learnt, np.zeros((30, 1)), throughout, on)
+    whole, *its = steps.margins(seen(learnt, 30), throughout, on)
     np.testing.assert_allclose(mean[late], whole[late], atol=1e-9)
-    assert (variance >= its - 1e-12).all()
+    for variance, own in zip(variances, its, strict=True):
+        assert (variance >= own - 1e-12).all()
 
 
 def test_turns_add_and_a_motion_grows_by_its_factor(steps, learnt) -> None:
@@ -127,19 +135,19 @@ def test_turns_add_and_a_motion_grows_by_its_factor(steps, learnt) -> None:
     values = steps.own.values("session", points[0, first:])
     turn = [p.name for p in library()["session"].parameters].index("registration_yaw")
     assert values[turn] == pytest.approx(15.0)
-    mean, _ = steps.margins(learnt, np.zeros((1, 1)), points, acts)
+    mean, *_ = steps.margins(seen(learnt, 1), points, acts)
     late = steps.after("session", points[:, first:])[0]
     both, alone = points.copy(), acts.copy()
     both[0, yaw] = 0.4 + 15 / 180
     alone[0, names.index("session")] = False
-    expected, _ = steps.margins(learnt, np.zeros((1, 1)), both, alone)
+    expected, *_ = steps.margins(seen(learnt, 1), both, alone)
     np.testing.assert_allclose(mean[0, late], expected[0, late], atol=1e-6)
     assert late.sum() == TRIALS - 12
     # The motion by 15 % more, its greatest share, and no turn.
     points[0, column("registration_yaw")] = 0.0
     points[0, column("table_gain_change")] = 1.0
-    stronger, _ = steps.margins(learnt, np.zeros((1, 1)), points, acts)
-    alone_mean, _ = steps.margins(learnt, np.zeros((1, 1)), points, alone)
+    stronger, *_ = steps.margins(seen(learnt, 1), points, acts)
+    alone_mean, *_ = steps.margins(seen(learnt, 1), points, alone)
     shift = (alone_mean - stronger)[0]
     np.testing.assert_allclose(shift[late], np.log(1.15), atol=1e-9)
     np.testing.assert_allclose(shift[~late], 0.0, atol=0)
@@ -153,10 +161,10 @@ def test_a_campaign_whose_rock_grows_slender_midway_has_a_step(steps, learnt) ->
     own = list(steps.own.feature_names)
     points[0, first + own.index("change_point.at")] = 0.5
     points[0, first + own.index("change_point.slenderness_change")] = 1.0
-    mean, _ = steps.margins(learnt, np.zeros((1, 1)), points, acts)
+    mean, *_ = steps.margins(seen(learnt, 1), points, acts)
     motions = np.array([f"m{i % 20}" for i in range(TRIALS)])
     found = {}
-    for label, margins in (("planted", mean[0]), ("none", learnt.centre)):
+    for label, margins in (("planted", mean[0]), ("none", learnt.levels.centre)):
         model = OutcomeModel(steps.together, learnt, margins < 0, motions, 1, steps=steps)
         posterior = sample_posterior(
             model, np.arange(TRIALS), np.random.default_rng(2), particles=300

@@ -35,7 +35,7 @@ from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
 from vsr2.diagnosis.margins.acting_posterior import SAMPLER, ActingPosterior, sample_posterior
 from vsr2.diagnosis.margins.cause_space import CAUSES, NotJudged, cause_space, not_judged
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, HeldOutCauses, judge_causes
-from vsr2.diagnosis.margins.margin_emulator import EMULATOR
+from vsr2.diagnosis.margins.margin_kernel import KERNEL
 from vsr2.diagnosis.margins.margin_search import SEARCH
 from vsr2.diagnosis.margins.outcome_model import (
     OUTCOME_MODEL,
@@ -45,6 +45,7 @@ from vsr2.diagnosis.margins.outcome_model import (
 )
 from vsr2.diagnosis.margins.session_steps import STEP_TABLE, session_steps
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
+from vsr2.diagnosis.margins.trial_groups import GROUPS
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.diagnosis.prediction import PREDICTION, prediction_constants
@@ -480,7 +481,8 @@ def causes_constants() -> dict[str, dict[str, Any]]:
         "step_table": asdict(STEP_TABLE),
         "margin_search": asdict(SEARCH),
         "scenes": asdict(SCENES),
-        "emulator": asdict(EMULATOR),
+        "trial_groups": asdict(GROUPS),
+        "kernel": asdict(KERNEL),
         "outcomes": asdict(OUTCOME_MODEL),
         "sampler": asdict(SAMPLER),
         "held_out_causes": asdict(HELD_OUT_CAUSES),

@@ -33,7 +33,7 @@ class SamplerConstants:
         effective: share of the particles that the next power leaves.
         halvings: by which it is found.
         steps: of the walk, in differences of two particles, of which each particle takes one.
-        shorter: of steps in nuisances, strength and scatter, over those in coordinates.
+        shorter: of steps in nuisances, strength, scatter and error, over those in coordinates.
         jitter: beside these, in coordinates and standard deviations.
         acceptance: that the length of steps is led to.
     """
@@ -71,6 +71,7 @@ def sample_posterior(
     rng: np.random.Generator,
     *,
     particles: int = SAMPLER.particles,
+    power: float = 1.0,
 ) -> ActingPosterior:
     """Sample what acts, given the outcomes of some trials.
 
@@ -79,18 +80,19 @@ def sample_posterior(
         rows: of the trials that are seen.
         rng: of all draws.
         particles: their number.
+        power: of the likelihood; below 1, what acts is less sure than the outcomes make it.
     """
     from scipy.special import logsumexp
 
     here = model.draw(particles, rng)
     logs = model.log_likelihood(here, rows)
-    power, evidence, length = 0.0, 0.0, 1.0
-    while power < 1:
-        following = _next_power(logs, power)
-        weights = (following - power) * logs
+    reached, evidence, length = 0.0, 0.0, 1.0
+    while reached < power:
+        following = _next_power(logs, reached, power)
+        weights = (following - reached) * logs
         total = logsumexp(weights)
         evidence += float(total) - np.log(particles)
-        power = following
+        reached = following
         ends = np.cumsum(np.exp(weights - total))
         chosen = np.searchsorted(ends, (rng.random() + np.arange(particles)) / particles)
         chosen = np.minimum(chosen, particles - 1)
@@ -104,7 +106,7 @@ def sample_posterior(
                 if possible.any():
                     new[possible] = model.log_likelihood(there.taken(possible), rows)
                 with np.errstate(invalid="ignore"):
-                    taken = np.log(rng.random(particles)) < ratio + power * (new - logs)
+                    taken = np.log(rng.random(particles)) < ratio + reached * (new - logs)
                 here, logs = here.mixed(there, taken), np.where(taken, new, logs)
                 if move is _walk:
                     accepted.append(float(taken.mean()))
@@ -112,17 +114,17 @@ def sample_posterior(
     return ActingPosterior(here, evidence)
 
 
-def _next_power(logs: Array, power: float) -> float:
-    """The power of the likelihood that leaves enough effective particles, 1 at most."""
+def _next_power(logs: Array, power: float, most: float) -> float:
+    """The power of the likelihood that leaves enough effective particles."""
     from scipy.special import logsumexp
 
     def enough(step: float) -> bool:
         effective = np.exp(2 * logsumexp(step * logs) - logsumexp(2 * step * logs))
         return bool(effective > SAMPLER.effective * logs.size)
 
-    if enough(1 - power):
-        return 1.0
-    low, high = 0.0, 1 - power
+    if enough(most - power):
+        return most
+    low, high = 0.0, most - power
     for _ in range(SAMPLER.halvings):
         middle = 0.5 * (low + high)
         low, high = (middle, high) if enough(middle) else (low, middle)
@@ -147,7 +149,7 @@ def _walk(
     points = np.where(acting, points, space.draw(count, rng))
     ratio = np.where(((points < space.lows) | (points > 1)).any(axis=1), -np.inf, 0.0)
     moved = {}
-    for name in ("nuisances", "strength", "scatter"):
+    for name in ("nuisances", "strength", "scatter", "error"):
         old = getattr(here, name)
         along = step.reshape((-1,) + (1,) * (old.ndim - 1))
         drift = SAMPLER.shorter * along * (old[one] - old[other])

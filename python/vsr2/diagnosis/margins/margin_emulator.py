@@ -1,11 +1,9 @@
 """An emulator of margins: what they would be in a scene that was not simulated.
 
-A Gaussian process over what acts in a scene, common to all trials (C. E. Rasmussen, C. K. I.
-Williams, "Gaussian Processes for Machine Learning", 2006; for several outputs with one kernel, S.
-Conti, A. O'Hagan, "Bayesian emulation of complex multi-output and dynamic computer models", Journal
-of Statistical Planning and Inference 140, 2010). Its kernel holds effects, their squares and their
-products two by two: k(x, y) = s^2 + w.x.y + c (w.x.y)^2, with the sum over features weighted. Most
-effects matter little: weights have an exponential prior.
+A Gaussian process over what acts in a scene (C. E. Rasmussen, C. K. I. Williams, "Gaussian
+Processes for Machine Learning", 2006), in three levels: of all trials, of those of a motion, and of
+single ones. So its error has a part that all trials share, and no number of trials tells that from
+a stronger motion.
 """
 
 from __future__ import annotations
@@ -15,31 +13,66 @@ from dataclasses import dataclass, replace
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.diagnosis.margins.margin_kernel import MarginKernel, fit_kernel, parts
+from vsr2.diagnosis.margins.margin_levels import Level, MarginLevels, margin_levels
+from vsr2.diagnosis.margins.trial_groups import Rows, TrialGroups
+
 Array = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class EmulatorConstants:
-    """How an emulator is fitted; chosen by hand, judged by scenes left out one by one.
+@dataclass(frozen=True, eq=False)
+class LevelProcess:
+    """What an emulator knows at a level.
 
     Attributes:
-        weight: mean of the prior of a feature's weight, in margin for each unit of it.
-        evidence: number of trials that the weights' prior counts as.
-        start: weight, constant and noise from which the fit begins.
-        product: weight of products from which the fit begins.
-        ends: of the logarithms of weights, products, constant and noise.
-        steps: of the fit at most.
+        kernel: of margins.
+        share: of the kernel.
+        noise: variance of what features do not tell.
+        scenes: weighted features of those it has seen, shape (s, features).
+        inverse: of their covariance, shape (s, s).
+        stretch: of its variance. The kernel of what all trials share is fitted to hundreds of other
+            numbers beside these, so scenes left out say by how much more they err (F. Bachoc,
+            "Cross validation and maximum likelihood estimations of hyper-parameters of Gaussian
+            processes with model misspecification", Computational Statistics and Data Analysis 66,
+            2013).
     """
 
-    weight: float = 0.1
-    evidence: float = 3.0
-    start: float = 0.1
-    product: float = 1.0
-    ends: tuple[tuple[float, float], ...] = ((-9.0, 1.0), (-4.0, 4.0), (-5.0, 1.0), (-4.0, 0.0))
-    steps: int = 500
+    kernel: MarginKernel
+    share: float
+    noise: float
+    scenes: Array
+    inverse: Array
+    stretch: float = 1.0
 
+    def variance(self, weighted: Array) -> Array:
+        """Of scenes, shape (n,).
 
-EMULATOR = EmulatorConstants()
+        Args:
+            weighted: features, shape (n, features).
+        """
+        crossed = self.share * self.kernel(weighted @ self.scenes.T)
+        own = self.share * self.kernel((weighted**2).sum(axis=1))
+        left = np.maximum(own - ((crossed @ self.inverse) * crossed).sum(axis=1), 0.0)
+        return np.asarray(self.stretch * (left + self.noise))
+
+    def knowing(self, weighted: Array) -> LevelProcess:
+        """With one more scene: a variance rests on where scenes lie, not on what they told.
+
+        Args:
+            weighted: features of it, shape (features,).
+        """
+        crossed = self.share * self.kernel(self.scenes @ weighted)
+        own = self.share * self.kernel(weighted @ weighted) + self.noise
+        # The inverse of a matrix with one more row and column, by its Schur complement.
+        step = self.inverse @ crossed
+        rest = 1 / (own - crossed @ step)
+        inverse = np.block(
+            [
+                [self.inverse + rest * np.outer(step, step), -rest * step[:, None]],
+                [-rest * step[None], np.array([[rest]])],
+            ]
+        )
+        return replace(self, scenes=np.vstack([self.scenes, weighted]), inverse=inverse)
 
 
 @dataclass(frozen=True, eq=False)
@@ -47,158 +80,111 @@ class MarginEmulator:
     """Of all trials.
 
     Attributes:
-        weights: of the features, shape (features,).
-        product: c of the kernel.
-        constant: s of the kernel.
-        noise: standard deviation of a margin that features do not tell: chaos and interactions of
-            more than two effects.
-        scenes: weighted features of the scenes, shape (scenes, features).
-        centre: mean margin of each trial, NaN where all its simulations failed, shape (trials,).
-        inverse: of the scenes' covariance, shape (scenes, scenes).
-        deviations: of the scenes' margins from the centre, shape (scenes, trials).
+        kernel: of margins.
+        levels: of the margins that it rests on.
+        features: of their scenes, shape (scenes, features).
+        processes: by level; those that margins tell.
+        coefficients: of the kernel between a scene and those seen, shape (scenes, trials).
+        errors: of each scene's margins without it, NaN where it was not asked for them, shape
+            (scenes, trials).
+        expected: standard deviations of these, shape as theirs.
     """
 
-    weights: Array
-    product: float
-    constant: float
-    noise: float
-    scenes: Array
-    centre: Array
-    inverse: Array
-    deviations: Array
+    kernel: MarginKernel
+    levels: MarginLevels
+    features: Array
+    processes: dict[Level, LevelProcess]
+    coefficients: Array
+    errors: Array
+    expected: Array
 
-    def __call__(self, features: Array) -> tuple[Array, Array]:
-        """Mean and variance of margins.
+    def __call__(self, features: Array, error: Array) -> tuple[Array, Array, Array]:
+        """Mean of margins, and what they scatter by.
 
         Args:
             features: of scenes, shape (n, features).
+            error: of the emulator that all trials share, in its standard deviations, shape (n,).
 
         Returns:
-            Means, NaN of trials without a margin in any scene, shape (n, trials), and variances,
-            equal for all trials, shape (n,).
+            Means, NaN of trials without a margin in any scene, shape (n, trials), and variances of
+            what the trials of a motion share and of what each has alone, shapes (n,).
         """
-        weighted = features * self.weights
-        crossed = self._kernel(weighted @ self.scenes.T)
-        own = self._kernel((weighted**2).sum(axis=1))
-        explained = ((crossed @ self.inverse) * crossed).sum(axis=1)
-        variance = np.maximum(own - explained, 0.0) + self.noise**2
-        return self.centre + crossed @ (self.inverse @ self.deviations), variance
-
-    def knowing(self, features: Array) -> MarginEmulator:
-        """With one more scene, whose margins are those it expects: its variances are then right.
-
-        Args:
-            features: of the scene, shape (features,).
-        """
-        new = features * self.weights
-        crossed = self._kernel(self.scenes @ new)
-        own = self._kernel(new @ new) + self.noise**2
-        covariance = np.block(
-            [[np.linalg.inv(self.inverse), crossed[:, None]], [crossed[None], own[None, None]]]
-        )
-        expected = crossed @ (self.inverse @ self.deviations)
-        return replace(
-            self,
-            scenes=np.vstack([self.scenes, new]),
-            inverse=np.linalg.inv(covariance),
-            deviations=np.vstack([self.deviations, expected]),
-        )
-
-    def left_out(self) -> tuple[Array, Array]:
-        """Errors of each scene's margins without it, and their standard deviations.
-
-        In closed form (Rasmussen and Williams, section 5.4.2), shapes (scenes, trials), (scenes,).
-        """
-        diagonal = np.diag(self.inverse)
-        return (self.inverse @ self.deviations) / diagonal[:, None], 1 / np.sqrt(diagonal)
+        weighted = features * self.kernel.weights
+        crossed = self.kernel(weighted @ (self.features * self.kernel.weights).T)
+        common, by_motion, by_trial = (self._variance(level, weighted) for level in Level)
+        mean = self.levels.centre + crossed @ self.coefficients
+        return mean + (np.sqrt(common) * error)[:, None], by_motion, by_trial
 
     def quality(self) -> dict[str, float | None]:
-        """How well it knows a scene that it did not see, over trials whose margins differ.
+        """How well it knows a scene that it did not see, over margins that differ between scenes.
 
-        None where no trial's do.
+        None where none do.
         """
-        errors, expected = self.left_out()
-        varied = np.ptp(self.deviations, axis=0) > 0
-        found: dict[str, float | None] = {"used": len(errors)}
+        found: dict[str, float | None] = {"used": len(self.features)}
         found |= dict.fromkeys(("spread", "error", "error_over_expected"))
-        if varied.any():
-            errors = errors[:, varied]
-            found["spread"] = float(self.deviations[:, varied].std())
-            found["error"] = float(np.sqrt((errors**2).mean()))
-            found["error_over_expected"] = float(
-                np.sqrt(((errors / expected[:, None]) ** 2).mean())
-            )
-        return found | {"noise": self.noise}
+        asked = np.isfinite(self.errors)
+        if asked.any():
+            over = (self.errors / self.expected)[asked]
+            found["spread"] = float(np.sqrt((self.levels.deviations[asked] ** 2).mean()))
+            found["error"] = float(np.sqrt((self.errors[asked] ** 2).mean()))
+            found["error_over_expected"] = float(np.sqrt((over**2).mean()))
+        return found | {"noise": float(np.sqrt((self.kernel.noise**2).sum()))}
 
-    def _kernel(self, products: Array) -> Array:
-        return np.asarray(self.constant**2 + products + self.product * products**2)
+    def _variance(self, level: Level, weighted: Array) -> Array:
+        if level not in self.processes:
+            return np.zeros(len(weighted))
+        return self.processes[level].variance(weighted)
 
 
-def fit_emulator(features: Array, margins: Array) -> MarginEmulator:
+def fit_emulator(
+    features: Array, margins: Array, group: Rows, groups: TrialGroups
+) -> MarginEmulator:
     """The most probable emulator of simulated scenes.
 
     Args:
         features: of the scenes, 0 where nothing acts, shape (scenes, features).
-        margins: NaN where a simulation failed, shape (scenes, trials).
+        margins: NaN where a simulation failed or was not asked for, shape (scenes, trials).
+        group: of trials that each scene was asked for, shape (scenes,).
+        groups: of trials.
     """
-    from scipy.optimize import minimize
-
-    known = np.isfinite(margins).sum(axis=0)
-    centre = np.where(known > 0, np.nansum(margins, axis=0) / np.maximum(known, 1), np.nan)
-    deviations = np.nan_to_num(margins - centre)
-    # Trials that always stand tell nothing of weights; all of them would call the rest noise.
-    varied = deviations[:, np.ptp(deviations, axis=0) > 0]
-    count = features.shape[1]
-    log = np.log(EMULATOR.start)
-    start = np.r_[np.full(count, log), np.log(EMULATOR.product), log, log]
-    ends = [EMULATOR.ends[0]] * count + list(EMULATOR.ends[1:])
-    found = minimize(
-        _loss, start, args=(features, varied @ varied.T, varied.shape[1]), jac=True,
-        method="L-BFGS-B", bounds=ends, options={"maxiter": EMULATOR.steps},
-    )  # fmt: skip
-    weights, (product, constant, noise) = np.exp(found.x[:count]), np.exp(found.x[count:])
-    scenes = features * weights
-    products = scenes @ scenes.T
-    covariance = constant**2 + products + product * products**2 + noise**2 * np.eye(len(scenes))
-    return MarginEmulator(
-        weights, product, constant, noise, scenes, centre, np.linalg.inv(covariance), deviations
-    )
+    levels = margin_levels(margins, group, groups)
+    return emulator_of(fit_kernel(features, levels), features, levels)
 
 
-def _loss(logs: Array, features: Array, squares: Array, trials: int) -> tuple[float, Array]:
-    """Negative logarithm of the evidence and of the prior, and its gradient.
+def emulator_of(kernel: MarginKernel, features: Array, levels: MarginLevels) -> MarginEmulator:
+    """With a given kernel.
+
+    Errors of scenes left out are in closed form (Rasmussen and Williams, section 5.4.2).
 
     Args:
-        logs: logarithms of weights, product, constant and noise.
-        features: of the scenes.
-        squares: Y Y' of the margins Y about their centre, shape (scenes, scenes).
-        trials: their number.
+        kernel: of margins.
+        features: of the scenes, shape (scenes, features).
+        levels: of their margins.
     """
-    count = features.shape[1]
-    weights, (product, constant, noise) = np.exp(logs[:count]), np.exp(logs[count:])
-    scaled = features * weights
-    products = scaled @ scaled.T
-    identity = np.eye(len(features))
-    covariance = constant**2 + products + product * products**2 + noise**2 * identity
-    try:
-        factor = np.linalg.cholesky(covariance)
-    except np.linalg.LinAlgError:
-        return 1e12, np.zeros_like(logs)
-    inverse = np.linalg.inv(covariance)
-    value = 0.5 * float((inverse * squares).sum())
-    value += trials * float(np.log(np.diag(factor)).sum())
-    by_covariance = 0.5 * (trials * inverse - inverse @ squares @ inverse)
-    by_products = by_covariance * (1 + 2 * product * products)
-    gradient = np.concatenate(
-        [
-            2 * ((by_products @ scaled) * scaled).sum(axis=0),
-            [
-                product * (by_covariance * products**2).sum(),
-                2 * constant**2 * by_covariance.sum(),
-                2 * noise**2 * np.trace(by_covariance),
-            ],
-        ]
+    weighted = features * kernel.weights
+    scenes = kernel(weighted @ weighted.T)
+    asked = levels.groups.asked[levels.group]
+    coefficients, errors, variances = np.zeros((3, *asked.shape))
+    processes: dict[Level, LevelProcess] = {}
+    for part in parts(levels):
+        rows, level = part.rows, part.level
+        covariance = part.covariance(scenes[np.ix_(rows, rows)], kernel.shares, kernel.noise)
+        inverse = np.linalg.inv(covariance)
+        solved, left = inverse @ part.numbers, np.diag(inverse)[:, None]
+        share, noise = float(kernel.shares[level]), float(kernel.noise[level] ** 2)
+        stretch = max(1.0, float((solved**2 / left).mean())) if level == Level.ALL else 1.0
+        process = LevelProcess(kernel, share, noise, weighted[rows], inverse, stretch)
+        processes.setdefault(level, process)
+        own = np.ix_(rows, part.trials)
+        solved = solved[:, part.numbers_of]
+        coefficients[own] += share * solved
+        if level == Level.MOTION and Level.TRIAL in part.kernel:
+            share = float(kernel.shares[Level.TRIAL])
+            coefficients[own] += share / levels.asked_of_a_motion * asked[own] * solved
+        errors[own] += solved / left
+        variances[own] += part.seen * stretch / left
+    differ = asked & levels.varied[levels.groups.motion]
+    errors = np.where(differ, errors, np.nan)
+    return MarginEmulator(
+        kernel, levels, features, processes, coefficients, errors, np.sqrt(variances)
     )
-    prior = EMULATOR.evidence * weights / EMULATOR.weight
-    gradient[:count] += prior
-    return value + float(prior.sum()), gradient

@@ -5,6 +5,7 @@ stronger than the scene's, is below 0. What neither scene nor emulator holds sca
 common to all trials of a ground motion, which differ in scale alone, and a part belongs to the
 trial. The common part is integrated out, so that nine scales of one motion do not count as nine
 witnesses (random effects; A. Gelman et al., "Bayesian Data Analysis", 3rd edition, 2013, ch. 5).
+What all trials share of the emulator's error is a coordinate of the posterior.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from numpy.typing import NDArray
 from vsr2.analysis.overturning_margin import MARGIN
 from vsr2.diagnosis.margins.cause_space import Acts, CauseSpace
 from vsr2.diagnosis.margins.margin_emulator import MarginEmulator
-from vsr2.diagnosis.margins.session_steps import SessionSteps
+from vsr2.diagnosis.margins.session_steps import SeenScenes, SessionSteps
 
 Array = NDArray[np.float64]
 
@@ -66,6 +67,7 @@ class Particles:
         nuisances: standardised, shape (n, q).
         strength: standardised logarithm of the motion's factor, shape (n,).
         scatter: standardised logarithms of the scatter of motions and trials, shape (n, 2).
+        error: of the emulator, that all trials share, standardised, shape (n,).
     """
 
     points: Array
@@ -73,6 +75,7 @@ class Particles:
     nuisances: Array
     strength: Array
     scatter: Array
+    error: Array
 
     def __len__(self) -> int:
         return len(self.strength)
@@ -142,23 +145,24 @@ class OutcomeModel:
             rng.standard_normal((count, self.nuisances)),
             rng.standard_normal(count),
             rng.standard_normal((count, 2)),
+            rng.standard_normal(count),
         )
 
-    def margins(self, given: Particles) -> tuple[Array, Array]:
-        """Mean margins with the motion's strength, and the emulator's variance.
+    def margins(self, given: Particles) -> tuple[Array, Array, Array]:
+        """Mean margins with the motion's strength, and the emulator's variances.
 
         Returns:
-            Shapes (n, trials), (n,).
+            Shapes (n, trials), (n,) of what trials of a motion share, (n,) of each trial.
         """
         nuisances = emulated_nuisances(given.nuisances)
         if self.steps is None:
             features = self.space.features(given.points, given.acts[:, :-1])
-            mean, variance = self.emulator(np.hstack([features, nuisances]))
+            mean, *variances = self.emulator(np.hstack([features, nuisances]), given.error)
         else:
-            mean, variance = self.steps.margins(
-                self.emulator, nuisances, given.points, given.acts[:, :-1]
-            )
-        return mean - self.log_strength(given)[:, None], variance
+            seen = SeenScenes(self.emulator, nuisances, given.error)
+            mean, *variances = self.steps.margins(seen, given.points, given.acts[:, :-1])
+        by_motion, by_trial = variances
+        return mean - self.log_strength(given)[:, None], by_motion, by_trial
 
     def log_strength(self, given: Particles) -> Array:
         """Logarithm of the factor by which the real motion is stronger, shape (n,)."""
@@ -176,14 +180,15 @@ class OutcomeModel:
         """
         from scipy.special import logsumexp, ndtr
 
-        mean, variance = self.margins(given)
+        mean, of_motion, of_trial = self.margins(given)
         by_motion, by_trial = self.scatter(given)
+        by_trial = np.sqrt(by_trial**2 + of_trial)
         order, starts = self._by_motion(rows)
         ordered = rows[order]
         sign = np.where(self.overturned[ordered], 1.0, -1.0)
         nodes = np.linspace(-OUTCOME_MODEL.reach, OUTCOME_MODEL.reach, OUTCOME_MODEL.nodes)
         weights = np.exp(-0.5 * nodes**2)
-        common = (np.sqrt(by_motion**2 + variance) / by_trial)[:, None] * nodes
+        common = (np.sqrt(by_motion**2 + of_motion) / by_trial)[:, None] * nodes
         own = sign * mean[:, ordered] / by_trial[:, None]
         # In place: this takes most of a search's time after its simulations.
         logs = common[:, :, None] * sign - own[:, None, :]
@@ -202,9 +207,9 @@ class OutcomeModel:
         """
         from scipy.special import ndtr
 
-        mean, variance = self.margins(given)
+        mean, of_motion, of_trial = self.margins(given)
         by_motion, by_trial = self.scatter(given)
-        reach = np.sqrt(by_motion**2 + by_trial**2 + variance)[:, None]
+        reach = np.sqrt(by_motion**2 + by_trial**2 + of_motion + of_trial)[:, None]
         chance = ndtr(-mean[:, rows] / reach).mean(axis=0)
         chance = (1 - MARGIN.lapse) * chance + 0.5 * MARGIN.lapse
         return np.asarray(np.nan_to_num(chance, nan=0.5))

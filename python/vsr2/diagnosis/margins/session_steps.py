@@ -18,6 +18,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.margins.cause_space import Acts, CauseSpace
 from vsr2.diagnosis.margins.margin_emulator import MarginEmulator
+from vsr2.diagnosis.margins.trial_groups import Rows
 from vsr2.diagnosis.simulated.library import (
     GAIN,
     is_angle,
@@ -48,6 +49,26 @@ class StepTableConstants:
 
 
 STEP_TABLE = StepTableConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class SeenScenes:
+    """What an emulator says of scenes, whatever acts in them.
+
+    Attributes:
+        emulator: of margins.
+        nuisances: as features, shape (n, q).
+        error: of the emulator, that all trials share, shape (n,).
+    """
+
+    emulator: MarginEmulator
+    nuisances: Array
+    error: Array
+
+    def __call__(self, features: Array, rows: Rows | None = None) -> tuple[Array, Array, Array]:
+        """Means and variances of margins of some of them, as :class:`MarginEmulator` gives them."""
+        own = slice(None) if rows is None else rows
+        return self.emulator(np.hstack([features, self.nuisances[own]]), self.error[own])
 
 
 @dataclass(frozen=True)
@@ -97,23 +118,20 @@ class SessionSteps:
         """Coordinates of all that may act, those of the steps last."""
         return CauseSpace(self.space.library, self.space.names + self.names)
 
-    def margins(
-        self, emulator: MarginEmulator, nuisances: Array, points: Array, acts: Acts
-    ) -> tuple[Array, Array]:
-        """Mean margins and variances, shapes (n, trials), (n,).
+    def margins(self, seen: SeenScenes, points: Array, acts: Acts) -> tuple[Array, Array, Array]:
+        """Mean margins and variances, shapes (n, trials), (n,), (n,).
 
-        The variance is the greatest of the scenes that a point consists of.
+        A variance is the greatest of the scenes that a point consists of.
 
         Args:
-            emulator: of margins.
-            nuisances: as features, shape (n, q).
+            seen: margins of scenes.
             points: coordinates of all that may act, shape (n, coordinates).
             acts: which of it act, shape (n, names).
         """
         effects, first = len(self.space.names), len(self.space.coordinates)
         features = self.space.features(points[:, :first], acts[:, :effects])
         points, acts = points[:, first:], acts[:, effects:]
-        mean, variance = emulator(np.hstack([features, nuisances]))
+        mean, by_motion, by_trial = seen(features)
         late = {
             name: self.after(name, points) & acts[:, k, None] for k, name in enumerate(self.names)
         }
@@ -129,10 +147,11 @@ class SessionSteps:
             for name in chosen:
                 self._join(name, joined, points[rows])
                 gain[:, 0] += self._log_gain(name, points[rows])
-            later, its = emulator(np.hstack([joined, nuisances[rows]]))
+            later, its_motion, its_trial = seen(joined, rows)
             mean[rows] = np.where(here[rows], later - gain, mean[rows])
-            variance[rows] = np.maximum(variance[rows], its)
-        return mean, variance
+            by_motion[rows] = np.maximum(by_motion[rows], its_motion)
+            by_trial[rows] = np.maximum(by_trial[rows], its_trial)
+        return mean, by_motion, by_trial
 
     def after(self, name: str, points: Array) -> Acts:
         """Which trials come after a step, shape (n, trials).

@@ -12,8 +12,10 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.cause_space import Acts, CauseSpace, draw_scene
 from vsr2.diagnosis.margins.margin_emulator import MarginEmulator, fit_emulator
+from vsr2.diagnosis.margins.margin_levels import Level
 from vsr2.diagnosis.margins.margin_search import SEARCH, scene_margins
 from vsr2.diagnosis.margins.outcome_model import OutcomeModel, Particles, emulated_nuisances
+from vsr2.diagnosis.margins.trial_groups import Rows, TrialGroups, trial_groups
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.errors import DiagnosisError
@@ -30,16 +32,17 @@ class SceneConstants:
             of a scanned rock.
         prior: share of the scenes that are drawn at random.
         unknown: share of those that are chosen where the emulator knows least.
-        rounds: in which the others come from the posterior of the time.
+        powers: of the likelihood, at which the others are drawn, in as many rounds: so what an
+            emulator that knows little holds to be unlikely comes too.
         candidates: draws of the prior of what acts, of which each of the unknown is one.
         least: scenes that an emulator needs.
-        known: share of the trials whose margin a scene must have to be used.
+        known: share of the trials that it is asked for whose margin a scene must have to be used.
     """
 
-    usual: int = 112
-    prior: float = 4 / 7
-    unknown: float = 3 / 14
-    rounds: int = 2
+    usual: int = 400
+    prior: float = 3 / 8
+    unknown: float = 1 / 8
+    powers: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0, 1.0)
     candidates: int = 2000
     least: int = 24
     known: float = 0.5
@@ -51,7 +54,7 @@ class SceneConstants:
     def ends(self, scenes: int) -> list[int]:
         """Number of scenes after those whose margins were unknown, and after each round."""
         first = max(round((self.prior + self.unknown) * scenes), self.at_random(scenes))
-        return [round(float(end)) for end in np.linspace(first, scenes, self.rounds + 1)]
+        return [round(float(end)) for end in np.linspace(first, scenes, len(self.powers) + 1)]
 
 
 SCENES = SceneConstants()
@@ -65,13 +68,17 @@ class SimulatedScenes:
         points: coordinates of the cause space, shape (scenes, coordinates).
         acts: which effects act, shape (scenes, effects).
         nuisances: standardised, shape (scenes, q).
-        margins: NaN where a simulation failed, shape (scenes, trials).
+        margins: NaN where a simulation failed or was not asked for, shape (scenes, trials).
+        group: of trials that each was asked for, shape (scenes,).
+        groups: of trials.
     """
 
     points: Array
     acts: Acts
     nuisances: Array
     margins: Array
+    group: Rows
+    groups: TrialGroups
 
     def __len__(self) -> int:
         return len(self.points)
@@ -83,14 +90,18 @@ class SimulatedScenes:
             np.concatenate([self.acts, other.acts]),
             np.concatenate([self.nuisances, other.nuisances]),
             np.concatenate([self.margins, other.margins]),
+            np.concatenate([self.group, other.group]),
+            self.groups,
         )
 
     def known(self) -> SimulatedScenes:
         """Those in which enough of the trials have a margin (`SceneConstants.known`)."""
-        kept = np.isfinite(self.margins).mean(axis=1) >= SCENES.known
+        asked = self.groups.asked[self.group].sum(axis=1)
+        kept = np.isfinite(self.margins).sum(axis=1) >= SCENES.known * asked
         return SimulatedScenes(
-            self.points[kept], self.acts[kept], self.nuisances[kept], self.margins[kept]
-        )
+            self.points[kept], self.acts[kept], self.nuisances[kept], self.margins[kept],
+            self.group[kept], self.groups,
+        )  # fmt: skip
 
     def emulator(self, space: CauseSpace) -> MarginEmulator:
         """Fitted to all of them.
@@ -104,7 +115,8 @@ class SimulatedScenes:
                 "`vsr2 campaign simulate`"
             )
         features = space.features(self.points, self.acts)
-        return fit_emulator(np.hstack([features, emulated_nuisances(self.nuisances)]), self.margins)
+        features = np.hstack([features, emulated_nuisances(self.nuisances)])
+        return fit_emulator(features, self.margins, self.group, self.groups)
 
 
 def simulate_scenes(
@@ -142,7 +154,7 @@ def simulate_scenes(
     """
     random, ends = SCENES.at_random(count), SCENES.ends(count)
     pilot = min(SEARCH.pilot, random)
-    done = _Simulating(cache, space, count, progress)
+    done = _Simulating(cache, space, trial_groups(motions), count, progress)
     first = [draw_scene(space, row, seed) for row in range(random)]
     points = np.stack([point for point, _ in first])
     acts = np.stack([acting for _, acting in first])
@@ -151,20 +163,22 @@ def simulate_scenes(
     rest = random - pilot
     if rest:
         found = found.joined(done.run(points[pilot:], acts[pilot:], np.tile(guess, (rest, 1))))
-    for start, stop in pairwise([random, *ends]):
+    stages = zip(pairwise([random, *ends]), (None, *SCENES.powers), strict=True)
+    for (start, stop), power in stages:
         if start == stop:
             continue
         rng = np.random.default_rng([seed, MarginStream.ROUNDS, start])
         emulator = found.known().emulator(space)
         nuisances = done.nuisances(start, stop)
         model = OutcomeModel(space, emulator, overturned, motions, nuisances.shape[1], allowed)
-        if start == random:
+        if power is None:
             chosen = _least_known(model, nuisances, rng)
         else:
-            drawn = sample_posterior(model, np.arange(overturned.size), rng).particles
+            rows = np.arange(overturned.size)
+            drawn = sample_posterior(model, rows, rng, power=power).particles
             few = stop - start > len(drawn)
             chosen = drawn.taken(rng.choice(len(drawn), stop - start, replace=few))
-        expected = emulator(_features(model, chosen, nuisances))[0]
+        expected = emulator(_features(model, chosen, nuisances), np.zeros(stop - start))[0]
         found = found.joined(done.run(chosen.points, chosen.acts[:, :-1], expected))
     return found
 
@@ -184,11 +198,15 @@ def _least_known(model: OutcomeModel, nuisances: Array, rng: np.random.Generator
         rng: of the draws.
     """
     drawn = model.draw(SCENES.candidates, rng)
-    emulator, rows = model.emulator, []
+    process = model.emulator.processes.get(Level.ALL)
+    if process is None:
+        return drawn.taken(np.arange(len(nuisances)))
+    rows = []
     for own in nuisances:
         features = _features(model, drawn, np.tile(own, (len(drawn), 1)))
-        row = int(emulator(features)[1].argmax())
-        emulator = emulator.knowing(features[row])
+        weighted = features * process.kernel.weights
+        row = int(process.variance(weighted).argmax())
+        process = process.knowing(weighted[row])
         rows.append(row)
     return drawn.taken(np.array(rows))
 
@@ -207,6 +225,7 @@ class _Simulating:
 
     cache: SimulationCache
     space: CauseSpace
+    groups: TrialGroups
     total: int
     progress: Callable[[float], None] | None
     done: int = 0
@@ -218,13 +237,17 @@ class _Simulating:
     def run(self, points: Array, acts: Acts, guess: Array) -> SimulatedScenes:
         """Margins of further scenes, each sought from a guess, shape (scenes, trials)."""
         start, count = self.done, len(points)
+        group = np.arange(start, start + count) % len(self.groups)
         scenes = [(start + k + 1, self.space.effects(points[k], acts[k])) for k in range(count)]
 
         def report(share: float) -> None:
             if self.progress is not None:
                 self.progress((start + share * count) / self.total)
 
-        margins = scene_margins(self.cache, scenes, guess, progress=report)
+        margins = scene_margins(
+            self.cache, scenes, guess, self.groups.asked[group], progress=report
+        )
         report(1.0)
         self.done += count
-        return SimulatedScenes(points, acts, self.nuisances(start, self.done), margins)
+        nuisances = self.nuisances(start, self.done)
+        return SimulatedScenes(points, acts, nuisances, margins, group, self.groups)
