@@ -17,7 +17,7 @@ from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.cause_space import cause_space, draw_scene
 from vsr2.diagnosis.margins.held_out_causes import HeldOutCauses, held_out_probability
 from vsr2.diagnosis.margins.margin_emulator import emulator_of, fit_emulator
-from vsr2.diagnosis.margins.margin_kernel import KernelLoss, MarginKernel, fit_kernel, parts
+from vsr2.diagnosis.margins.margin_kernel import KernelLoss, fit_kernel, parts
 from vsr2.diagnosis.margins.margin_levels import Level, margin_levels
 from vsr2.diagnosis.margins.margin_search import SEARCH, search_margins
 from vsr2.diagnosis.margins.outcome_model import (
@@ -27,7 +27,7 @@ from vsr2.diagnosis.margins.outcome_model import (
     acting_share,
     emulated_nuisances,
 )
-from vsr2.diagnosis.margins.simulated_scenes import _least_known
+from vsr2.diagnosis.margins.simulated_scenes import SCENES, _alone
 from vsr2.diagnosis.margins.trial_groups import GROUPS, TrialGroups, trial_groups
 from vsr2.effects import library
 
@@ -301,44 +301,6 @@ def test_an_error_that_all_trials_share_moves_all_of_them(emulator) -> None:
     np.testing.assert_allclose(shift, np.tile(np.sqrt(variance)[:, None], 3), rtol=1e-9)
 
 
-def test_a_scene_to_come_is_known_without_its_margins() -> None:
-    """Variances of a Gaussian process rest on where it was asked alone, not on what it heard."""
-    rng = np.random.default_rng(7)
-    features = rng.uniform(-1, 1, (12, 2))
-    whole = fitted(features, quadratic(features) + 0.05 * rng.standard_normal((12, 3)))
-    process, weights = whole.processes[Level.ALL], whole.kernel.weights
-    before = replace(
-        process,
-        scenes=process.scenes[:-1],
-        inverse=np.linalg.inv(np.linalg.inv(process.inverse)[:-1, :-1]),
-    )
-    after = before.knowing(features[-1] * weights)
-    elsewhere = rng.uniform(-2, 2, (20, 2)) * weights
-    np.testing.assert_allclose(after.variance(elsewhere), process.variance(elsewhere), rtol=1e-6)
-    known = features[-1:] * weights
-    assert after.variance(known)[0] < before.variance(known)[0]
-
-
-def test_scenes_are_chosen_where_the_emulator_knows_least() -> None:
-    """It has seen slenderness alone, and friction never: scenes with friction come."""
-    model = toy([True, False, True, False], ["a", "a", "b", "b"])
-    rng = np.random.default_rng(3)
-    points, nuisances = model.space.draw(30, rng), rng.standard_normal((30, 1))
-    acts = np.tile([True, False], (30, 1))
-    features = np.hstack([model.space.features(points, acts), emulated_nuisances(nuisances)])
-    margins = 0.5 * features[:, :1] + np.linspace(-0.4, 0.4, 4)
-    levels = fitted(features, margins, [0, 0, 1, 1]).levels
-    kernel = MarginKernel(
-        np.full(features.shape[1], 0.3), 0.1, 0.1, np.array([0.4, 0.3, 0.3]), np.full(3, 0.05)
-    )
-    model = replace(model, emulator=emulator_of(kernel, features, levels))
-    chosen = _least_known(model, rng.standard_normal((6, 1)), rng)
-    assert chosen.acts[:3, 1].all()
-    assert model.prior[1] < 0.7
-    rows = np.round(chosen.points[:4], 12)
-    assert len(np.unique(rows, axis=0)) == 4, "what has been chosen is known"
-
-
 def test_the_gradient_of_the_loss_of_a_kernel() -> None:
     rng = np.random.default_rng(8)
     features, _, asked, group, groups = grouped(rng, 24)
@@ -497,6 +459,64 @@ def test_what_may_not_act_does_not() -> None:
     none = replace(model, allowed=frozenset())
     particles = sample_posterior(none, np.arange(6), np.random.default_rng(11)).particles
     assert not particles.acts.any()
+
+
+def test_what_acts_for_sure_does() -> None:
+    """The rest is as likely as where all outcomes were of scenes that have it."""
+    model = toy(np.arange(6) < 3, [f"m{i}" for i in range(6)], certain=frozenset({"friction"}))
+    for seed in range(3):
+        found = sample_posterior(model, np.arange(6), np.random.default_rng(seed)).particles
+        assert found.acts[:, model.names.index("friction")].all()
+        assert 0 < found.acts[:, model.names.index("slenderness")].mean() < 1
+
+
+def test_half_a_likelihood_leaves_what_acts_less_sure() -> None:
+    outcomes = np.arange(10) < 10
+    model = toy(outcomes, [f"m{i}" for i in range(10)])
+    rows = np.arange(10)
+    drawn = model.draw(40_000, np.random.default_rng(15))
+    logs, acting = model.log_likelihood(drawn, rows), []
+    for power in (0.5, 1.0):
+        weight = np.exp(power * logs)
+        expected = weight @ drawn.acts / weight.sum()
+        found = [
+            sample_posterior(model, rows, np.random.default_rng(seed), power=power)
+            for seed in range(6)
+        ]
+        acting.append(np.mean([one.particles.acts.mean(axis=0) for one in found], axis=0))
+        # 3,600 particles, of which some hundreds are independent: 0.025 is a standard deviation.
+        np.testing.assert_allclose(acting[-1], expected, atol=0.08)
+    assert acting[0][-1] < acting[1][-1] - 0.05, "all overturned: the motion is stronger"
+
+
+def test_each_effect_comes_alone_where_it_explains_the_outcomes() -> None:
+    """Rocks that overturn more often than the scene's are slender; friction tells nothing."""
+    model = toy(np.ones(12, dtype=bool), [f"m{i}" for i in range(12)])
+    chosen = _alone(model, 60, 1.0, np.random.default_rng(16))
+    assert len(chosen) == 60
+    effects = chosen.acts[:, :-1]
+    assert (effects.sum(axis=1) == 1).all()
+    assert effects.sum(axis=0).tolist() == [30, 30]
+    coordinate = model.space.effect_of
+    slender = chosen.points[effects[:, 0]][:, coordinate == 0]
+    free = chosen.points[effects[:, 1]][:, coordinate == 1]
+    assert slender[:, 0].mean() < -0.1, "a slender rock has smaller margins"
+    # Thirty draws from the prior: their mean scatters by a tenth of the range.
+    assert (
+        abs(
+            free[:, 0].mean()
+            - model.space.draw(4000, np.random.default_rng(0)).mean(axis=0)[coordinate == 1][0]
+        )
+        < 0.35
+    )
+
+
+def test_shares_of_scenes_leave_none_out() -> None:
+    for count in (SCENES.least, 60, SCENES.usual):
+        single, several = SCENES.ends(count)
+        ends = [SCENES.at_random(count), *single, *several]
+        assert ends == sorted(ends)
+        assert ends[-1] == count
 
 
 def test_a_motion_is_predicted_by_the_others_alone(monkeypatch) -> None:

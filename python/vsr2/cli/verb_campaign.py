@@ -247,7 +247,7 @@ class Attributing:
 
     Attributes:
         out: folder for tables, the corrected scene and simulations (default: nothing is written)
-        scenes: whose margins are sought (default: 112)
+        scenes: whose margins are sought (default: 600)
         posterior_draws: write so many scenes with a draw of the posterior each, too
         seed: of all draws
         cache: folder of simulations that other searches of the campaign share

@@ -164,7 +164,7 @@ def _flip(
 ) -> tuple[Particles, Array]:
     """An effect begins or ceases to act."""
     count = len(here)
-    possible = np.flatnonzero(model.prior > 0)
+    possible = np.flatnonzero(model.open)
     if not possible.size:
         return here, np.full(count, -np.inf)
     chosen = possible[rng.integers(possible.size, size=count)]
@@ -182,9 +182,9 @@ def _swap(
 ) -> tuple[Particles, Array]:
     """An effect takes the place of another."""
     count = len(here)
-    free = ~here.acts & (model.prior > 0)
-    possible = here.acts.any(axis=1) & free.any(axis=1)
-    ceases = (rng.random(here.acts.shape) * here.acts).argmax(axis=1)
+    free, bound = ~here.acts & model.open, here.acts & model.open
+    possible = bound.any(axis=1) & free.any(axis=1)
+    ceases = (rng.random(here.acts.shape) * bound).argmax(axis=1)
     begins = (rng.random(here.acts.shape) * free).argmax(axis=1)
     rows = np.arange(count)
     acts = here.acts.copy()

@@ -8,7 +8,7 @@ a stronger motion.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -54,25 +54,6 @@ class LevelProcess:
         own = self.share * self.kernel((weighted**2).sum(axis=1))
         left = np.maximum(own - ((crossed @ self.inverse) * crossed).sum(axis=1), 0.0)
         return np.asarray(self.stretch * (left + self.noise))
-
-    def knowing(self, weighted: Array) -> LevelProcess:
-        """With one more scene: a variance rests on where scenes lie, not on what they told.
-
-        Args:
-            weighted: features of it, shape (features,).
-        """
-        crossed = self.share * self.kernel(self.scenes @ weighted)
-        own = self.share * self.kernel(weighted @ weighted) + self.noise
-        # The inverse of a matrix with one more row and column, by its Schur complement.
-        step = self.inverse @ crossed
-        rest = 1 / (own - crossed @ step)
-        inverse = np.block(
-            [
-                [self.inverse + rest * np.outer(step, step), -rest * step[:, None]],
-                [-rest * step[None], np.array([[rest]])],
-            ]
-        )
-        return replace(self, scenes=np.vstack([self.scenes, weighted]), inverse=inverse)
 
 
 @dataclass(frozen=True, eq=False)

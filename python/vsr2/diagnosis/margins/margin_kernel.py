@@ -10,7 +10,7 @@ of Statistical Planning and Inference 140, 2010). Each level has its share of it
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -129,8 +129,10 @@ def parts(levels: MarginLevels) -> Iterator[Part]:
     trials = np.arange(motion.size)
     by_trial = [one for one in levels.by_trial if one.free and one.scenes.size]
     if motions:
-        numbers, own = levels.common[:, None], {Level.ALL: 1.0}
-        yield Part(Level.ALL, rows, numbers, trials, np.zeros_like(trials), 1, own, own)
+        yield Part(
+            Level.ALL, rows, levels.common[:, None], trials, np.zeros_like(trials), count=1,
+            kernel={Level.ALL: 1.0}, diagonal={Level.ALL: 1.0},
+        )  # fmt: skip
     if motions > 1:
         kernel: dict[Level, Array | float] = {Level.MOTION: 1.0}
         diagonal = {Level.MOTION: 1.0}
@@ -138,15 +140,16 @@ def parts(levels: MarginLevels) -> Iterator[Part]:
             kernel[Level.TRIAL] = levels.same_group / levels.asked_of_a_motion
             diagonal[Level.TRIAL] = 1 / levels.asked_of_a_motion
         yield Part(
-            Level.MOTION, rows, levels.by_motion, trials, motion, motions - 1, kernel, diagonal
-        )
+            Level.MOTION, rows, levels.by_motion, trials, motion, count=motions - 1,
+            kernel=kernel, diagonal=diagonal,
+        )  # fmt: skip
     for one in by_trial:
-        own, columns = {Level.TRIAL: 1.0}, np.arange(one.trials.size)
         of_motion = motion[one.trials]
-        seen = 1 - 1 / np.bincount(of_motion)[of_motion]
         yield Part(
-            Level.TRIAL, one.scenes, one.deviations, one.trials, columns, one.free, own, own, seen
-        )
+            Level.TRIAL, one.scenes, one.deviations, one.trials, np.arange(one.trials.size),
+            count=one.free, kernel={Level.TRIAL: 1.0}, diagonal={Level.TRIAL: 1.0},
+            seen=1 - 1 / np.bincount(of_motion)[of_motion],
+        )  # fmt: skip
 
 
 def fit_kernel(features: Array, levels: MarginLevels) -> MarginKernel:
@@ -180,10 +183,11 @@ class KernelLoss:
 
     features: Array
     parts: tuple[Part, ...]
-    told: list[Level] = field(init=False)
 
-    def __post_init__(self) -> None:
-        object.__setattr__(self, "told", sorted({one.level for one in self.parts}))
+    @cached_property
+    def told(self) -> list[Level]:
+        """Levels that the margins tell."""
+        return sorted({one.level for one in self.parts})
 
     def start(self) -> Array:
         """Where the fit begins."""

@@ -10,7 +10,7 @@ What all trials share of the emulator's error is a coordinate of the posterior.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cached_property
 
@@ -108,6 +108,7 @@ class OutcomeModel:
         allowed: names of the effects that may act, the strength of the motion by its own; None:
             all.
         expected: number of effects that act, in the prior.
+        certain: names of the effects that act for sure.
         steps: what comes in at a session; None: nothing is looked for that does.
     """
 
@@ -119,6 +120,7 @@ class OutcomeModel:
     allowed: frozenset[str] | None = None
     expected: float = OUTCOME_MODEL.causes
     steps: SessionSteps | None = None
+    certain: frozenset[str] = frozenset()
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -130,7 +132,12 @@ class OutcomeModel:
         """Probability that each effect acts, the strength of the motion last."""
         chance = min(self.expected / len(self.names), OUTCOME_MODEL.most)
         may = [self.allowed is None or name in self.allowed for name in self.names]
-        return np.where(may, chance, 0.0)
+        return np.where([name in self.certain for name in self.names], 1.0, chance * np.array(may))
+
+    @cached_property
+    def open(self) -> Acts:
+        """Whether it is open that each acts, the strength of the motion last."""
+        return np.asarray((self.prior > 0) & (self.prior < 1))
 
     @property
     def looked_for(self) -> tuple[str, ...]:
@@ -219,6 +226,13 @@ class OutcomeModel:
         _, group = np.unique(self.motions[rows], return_inverse=True)
         order = np.argsort(group, kind="stable")
         return order, np.flatnonzero(np.diff(group[order], prepend=-1))
+
+
+def joined_particles(some: Sequence[Particles]) -> Particles:
+    """All of them, one after another."""
+    return Particles(
+        *(np.concatenate([getattr(part, one.name) for part in some]) for one in fields(Particles))
+    )
 
 
 def emulated_nuisances(standardised: Array) -> Array:

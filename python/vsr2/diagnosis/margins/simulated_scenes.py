@@ -1,9 +1,9 @@
-"""Scenes whose margins are sought: first from the prior, then from what the outcomes leave."""
+"""Scenes whose margins are sought: from the prior, of single effects, and of what is likely."""
 
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from itertools import pairwise
 
 import numpy as np
@@ -12,12 +12,17 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.cause_space import Acts, CauseSpace, draw_scene
 from vsr2.diagnosis.margins.margin_emulator import MarginEmulator, fit_emulator
-from vsr2.diagnosis.margins.margin_levels import Level
 from vsr2.diagnosis.margins.margin_search import SEARCH, scene_margins
-from vsr2.diagnosis.margins.outcome_model import OutcomeModel, Particles, emulated_nuisances
+from vsr2.diagnosis.margins.outcome_model import (
+    OutcomeModel,
+    Particles,
+    emulated_nuisances,
+    joined_particles,
+)
 from vsr2.diagnosis.margins.trial_groups import Rows, TrialGroups, trial_groups
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.library import GAIN
 from vsr2.errors import DiagnosisError
 
 Array = NDArray[np.float64]
@@ -31,19 +36,20 @@ class SceneConstants:
         usual: number of scenes where none is asked for: about an hour on two cores for 300 trials
             of a scanned rock.
         prior: share of the scenes that are drawn at random.
-        unknown: share of those that are chosen where the emulator knows least.
-        powers: of the likelihood, at which the others are drawn, in as many rounds: so what an
-            emulator that knows little holds to be unlikely comes too.
-        candidates: draws of the prior of what acts, of which each of the unknown is one.
+        alone: share of those in which an effect acts alone, each in its turn.
+        powers: of the likelihood, at which these are drawn, in as many rounds.
+        rounds: in which the others come from the posterior of the time.
+        particles: from which scenes of one effect are chosen.
         least: scenes that an emulator needs.
         known: share of the trials that it is asked for whose margin a scene must have to be used.
     """
 
-    usual: int = 400
-    prior: float = 3 / 8
-    unknown: float = 1 / 8
-    powers: tuple[float, ...] = (0.125, 0.25, 0.5, 1.0, 1.0)
-    candidates: int = 2000
+    usual: int = 600
+    prior: float = 0.25
+    alone: float = 0.35
+    powers: tuple[float, ...] = (0.5, 1.0)
+    rounds: int = 4
+    particles: int = 200
     least: int = 24
     known: float = 0.5
 
@@ -51,10 +57,13 @@ class SceneConstants:
         """Number of scenes that are drawn at random."""
         return max(round(self.prior * scenes), min(self.least, scenes))
 
-    def ends(self, scenes: int) -> list[int]:
-        """Number of scenes after those whose margins were unknown, and after each round."""
-        first = max(round((self.prior + self.unknown) * scenes), self.at_random(scenes))
-        return [round(float(end)) for end in np.linspace(first, scenes, len(self.powers) + 1)]
+    def ends(self, scenes: int) -> tuple[list[int], list[int]]:
+        """Number of scenes after each round of single effects, and after each of the posterior."""
+        random = self.at_random(scenes)
+        alone = max(round((self.prior + self.alone) * scenes), random)
+        single = np.linspace(random, alone, len(self.powers) + 1)[1:]
+        several = np.linspace(alone, scenes, self.rounds + 1)[1:]
+        return [round(float(end)) for end in single], [round(float(end)) for end in several]
 
 
 SCENES = SceneConstants()
@@ -130,14 +139,13 @@ def simulate_scenes(
     seed: int = 0,
     progress: Callable[[float], None] | None = None,
 ) -> SimulatedScenes:
-    """Margins of scenes at random, then of such as are unknown, then of such as are likely.
+    """Margins of scenes at random, then with each effect alone, then of such as are likely.
 
-    A cause whose margins the emulator does not know seems unlikely, however well it would explain
-    the outcomes. So scenes come first in which some effects act whose margins are least known (D.
-    J. C. MacKay, "Information-based objective functions for active data selection", Neural
-    Computation 4, 1992). Then the posterior of what is known says where to simulate next (history
-    matching; I. Vernon, M. Goldstein, R. G. Bower, "Galaxy formation: a Bayesian uncertainty
-    analysis", Bayesian Analysis 5, 2010).
+    The posterior of what is known says where to simulate next (history matching; I. Vernon, M.
+    Goldstein, R. G. Bower, "Galaxy formation: a Bayesian uncertainty analysis", Bayesian Analysis
+    5, 2010). But a cause whose margins the emulator knows badly seems unlikely, however well it
+    would explain the outcomes. So no effect is dismissed before scenes have shown it where it
+    alone, with the strength of the motion, would explain them best.
 
     Args:
         cache: of simulations.
@@ -152,7 +160,7 @@ def simulate_scenes(
     Raises:
         DiagnosisError: simulations fail in all scenes.
     """
-    random, ends = SCENES.at_random(count), SCENES.ends(count)
+    random = SCENES.at_random(count)
     pilot = min(SEARCH.pilot, random)
     done = _Simulating(cache, space, trial_groups(motions), count, progress)
     first = [draw_scene(space, row, seed) for row in range(random)]
@@ -163,52 +171,47 @@ def simulate_scenes(
     rest = random - pilot
     if rest:
         found = found.joined(done.run(points[pilot:], acts[pilot:], np.tile(guess, (rest, 1))))
-    stages = zip(pairwise([random, *ends]), (None, *SCENES.powers), strict=True)
-    for (start, stop), power in stages:
+    single, several = SCENES.ends(count)
+    powers = (*SCENES.powers, *[None] * len(several))
+    for (start, stop), power in zip(pairwise([random, *single, *several]), powers, strict=True):
         if start == stop:
             continue
-        rng = np.random.default_rng([seed, MarginStream.ROUNDS, start])
-        emulator = found.known().emulator(space)
         nuisances = done.nuisances(start, stop)
+        emulator = found.known().emulator(space)
         model = OutcomeModel(space, emulator, overturned, motions, nuisances.shape[1], allowed)
+        rng = np.random.default_rng([seed, MarginStream.ROUNDS, start])
         if power is None:
-            chosen = _least_known(model, nuisances, rng)
+            chosen = _likely(model, stop - start, rng)
         else:
-            rows = np.arange(overturned.size)
-            drawn = sample_posterior(model, rows, rng, power=power).particles
-            few = stop - start > len(drawn)
-            chosen = drawn.taken(rng.choice(len(drawn), stop - start, replace=few))
-        expected = emulator(_features(model, chosen, nuisances), np.zeros(stop - start))[0]
+            chosen = _alone(model, stop - start, power, rng)
+        features = np.hstack(
+            [space.features(chosen.points, chosen.acts[:, :-1]), emulated_nuisances(nuisances)]
+        )
+        expected = emulator(features, np.zeros(stop - start))[0]
         found = found.joined(done.run(chosen.points, chosen.acts[:, :-1], expected))
     return found
 
 
-def _features(model: OutcomeModel, chosen: Particles, nuisances: Array) -> Array:
-    """Of scenes under given nuisances, shape (n, features)."""
-    features = model.space.features(chosen.points, chosen.acts[:, :-1])
-    return np.hstack([features, emulated_nuisances(nuisances)])
+def _likely(model: OutcomeModel, count: int, rng: np.random.Generator) -> Particles:
+    """Draws of the posterior."""
+    drawn = sample_posterior(model, np.arange(model.overturned.size), rng).particles
+    return drawn.taken(rng.choice(len(drawn), count, replace=count > len(drawn)))
 
 
-def _least_known(model: OutcomeModel, nuisances: Array, rng: np.random.Generator) -> Particles:
-    """Of draws of the prior those that an emulator knows least, one after another.
-
-    Args:
-        model: of outcomes.
-        nuisances: of each scene, shape (n, q).
-        rng: of the draws.
-    """
-    drawn = model.draw(SCENES.candidates, rng)
-    process = model.emulator.processes.get(Level.ALL)
-    if process is None:
-        return drawn.taken(np.arange(len(nuisances)))
-    rows = []
-    for own in nuisances:
-        features = _features(model, drawn, np.tile(own, (len(drawn), 1)))
-        weighted = features * process.kernel.weights
-        row = int(process.variance(weighted).argmax())
-        process = process.knowing(weighted[row])
-        rows.append(row)
-    return drawn.taken(np.array(rows))
+def _alone(model: OutcomeModel, count: int, power: float, rng: np.random.Generator) -> Particles:
+    """Draws in which one effect acts, each as it would explain the outcomes best."""
+    rows, names = np.arange(model.overturned.size), model.space.names
+    share = np.bincount(np.arange(count) % len(names), minlength=len(names))
+    drawn = []
+    for name, own in zip(rng.permutation(names).tolist(), share.tolist(), strict=True):
+        if own:
+            together = frozenset({name, GAIN}).intersection(model.looked_for)
+            single = replace(model, allowed=together, certain=frozenset({name}))
+            found = sample_posterior(
+                single, rows, rng, particles=SCENES.particles, power=power
+            ).particles
+            drawn.append(found.taken(rng.choice(len(found), own, replace=own > len(found))))
+    return joined_particles(drawn)
 
 
 def _median(margins: Array) -> Array:
