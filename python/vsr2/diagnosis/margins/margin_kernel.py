@@ -193,7 +193,8 @@ class KernelLoss:
         """Where the fit begins."""
         log = np.log(KERNEL.start)
         features, told = self.features.shape[1], len(self.told)
-        return np.r_[np.full(features, log), 0.0, log, np.zeros(max(told - 1, 0)), [log] * told]
+        shares = np.zeros(max(told - 1, 0))
+        return np.concatenate([np.full(features, log), [0.0, log], shares, np.full(told, log)])
 
     def ends(self) -> list[tuple[float, float]]:
         """Of the arguments."""
