@@ -28,7 +28,7 @@ from vsr2.diagnosis.margins.outcome_model import (
     emulated_nuisances,
 )
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, _alone
-from vsr2.diagnosis.margins.trial_groups import GROUPS, TrialGroups, trial_groups
+from vsr2.diagnosis.margins.trial_groups import TRIAL_GROUPS, TrialGroups, trial_groups
 from vsr2.effects import library
 
 # --- coordinates ----------------------------------------------------------------------------------
@@ -158,7 +158,7 @@ def test_where_nothing_is_known_the_search_begins_from_the_motion_as_it_is() -> 
 def test_each_group_has_trials_of_every_motion() -> None:
     motions = np.repeat(["a", "b", "c", "d"], [9, 8, 10, 2])
     groups = trial_groups(motions)
-    assert len(groups) == 8.5 // GROUPS.asked
+    assert len(groups) == 8.5 // TRIAL_GROUPS.asked
     assert groups.asked.any(axis=0).all(), "each trial is asked for"
     for k in range(groups.motions):
         counts = groups.asked[:, groups.motion == k].sum(axis=1)

@@ -45,7 +45,7 @@ from vsr2.diagnosis.margins.outcome_model import (
 )
 from vsr2.diagnosis.margins.session_steps import STEP_TABLE, session_steps
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
-from vsr2.diagnosis.margins.trial_groups import GROUPS
+from vsr2.diagnosis.margins.trial_groups import TRIAL_GROUPS
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.diagnosis.prediction import PREDICTION, prediction_constants
@@ -481,7 +481,7 @@ def causes_constants() -> dict[str, dict[str, Any]]:
         "step_table": asdict(STEP_TABLE),
         "margin_search": asdict(SEARCH),
         "scenes": asdict(SCENES),
-        "trial_groups": asdict(GROUPS),
+        "trial_groups": asdict(TRIAL_GROUPS),
         "kernel": asdict(KERNEL),
         "outcomes": asdict(OUTCOME_MODEL),
         "sampler": asdict(SAMPLER),

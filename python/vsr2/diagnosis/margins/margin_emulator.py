@@ -150,7 +150,7 @@ def emulator_of(kernel: MarginKernel, features: Array, levels: MarginLevels) -> 
     for part in parts(levels):
         rows, level = part.rows, part.level
         covariance = part.covariance(scenes[np.ix_(rows, rows)], kernel.shares, kernel.noise)
-        inverse: Array = np.linalg.inv(covariance)
+        inverse = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         solved, left = inverse @ part.numbers, np.diag(inverse)[:, None]
         share, noise = float(kernel.shares[level]), float(kernel.noise[level] ** 2)
         stretch = max(1.0, float((solved**2 / left).mean())) if level == Level.ALL else 1.0

@@ -29,7 +29,7 @@ class GroupConstants:
     most: int = 6
 
 
-GROUPS = GroupConstants()
+TRIAL_GROUPS = GroupConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -63,7 +63,7 @@ def trial_groups(motions: NDArray[np.str_]) -> TrialGroups:
     """
     _, motion = np.unique(motions, return_inverse=True)
     usual = float(np.median(np.bincount(motion)))
-    count = int(np.clip(usual // GROUPS.asked, 1, GROUPS.most))
+    count = int(np.clip(usual // TRIAL_GROUPS.asked, 1, TRIAL_GROUPS.most))
     asked = np.zeros((count, motion.size), dtype=bool)
     for k in range(int(motion.max()) + 1):
         own = np.flatnonzero(motion == k)
