@@ -74,8 +74,8 @@ Bearing::Bearing(const Foothold& foothold, double gravity)
                                                                             Eigen::EigenvaluesOnly)
                              .eigenvalues();
   for (const double mode : modes) {
-    const double frequency = std::sqrt(foothold.stiffness * std::max(mode, 0.0));
-    const double ratio = 0.5 * foothold.damping * frequency / foothold.stiffness;
+    const double frequency = foothold.normal.frequency(std::max(mode, 0.0));
+    const double ratio = foothold.normal.damping_ratio(frequency);
     gain_ = std::max(gain_, overshoot(ratio));
     memory_ = std::max(memory_, 1.0 / fading(ratio, frequency));
   }
@@ -85,7 +85,7 @@ Bearing::Bearing(const Foothold& foothold, double gravity)
 bool Bearing::bears(const Vector3d& a_W) const {
   const Vector3d f = rest_T_ + gain_ * (R_TW_ * a_W);
   const Vector2d lateral = f.head<2>();
-  if (count_ < 3 || !(f.z() > 0) || !(lateral.norm() <= friction_ * f.z())) return false;
+  if (count_ < 3 || !(f.z() > 0) || !(lateral.norm() <= friction_.lateral(f.z()))) return false;
   for (int i = 0; i < count_; ++i)
     if (!(edges_[i].height * edges_[i].inward.dot(lateral) <= edges_[i].room * f.z())) return false;
   return true;

@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 
+#include "foothold.hpp"
 #include "vsr2/trial.hpp"
 
 namespace vsr2 {
@@ -44,7 +45,7 @@ class Bearing {
   };
   std::array<Edge, 6> edges_;  ///< of the support polygon; four points have six lines
   int count_ = 0;
-  double friction_ = 0.0;
+  FrictionBounds friction_;
   double gain_ = 1.0;
   double memory_ = 0.0;
   Eigen::Matrix3d R_TW_;
