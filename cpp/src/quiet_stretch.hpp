@@ -24,8 +24,8 @@ namespace vsr2 {
 /// linear oscillator of damping ratio z < 1 answers none by more than coth(pi z / (2 sqrt(1 - z^2)))
 /// times its greatest size, the integral of its impulse response's absolute value; one of z >= 1 by no
 /// more than that size. The slowest of the rock's three modes on its contacts (heave and two tilts)
-/// has the least z. Changes of f from rest are enlarged by its factor, and by kSafety, chosen by hand, for
-/// what the model of small deflections leaves out.
+/// has the least z. Changes of f from rest are enlarged by its factor, and by kQuietStretch.safety
+/// for what the model of small deflections leaves out.
 class Bearing {
  public:
   Bearing(const Foothold& foothold, double gravity);
@@ -36,8 +36,6 @@ class Bearing {
   double memory() const { return memory_; }
 
  private:
-  static constexpr double kSafety = 1.25;
-
   struct Edge {
     Eigen::Vector2d inward;  ///< unit
     double height;           ///< of the mass centre over it [m]

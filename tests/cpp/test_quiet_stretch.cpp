@@ -6,13 +6,14 @@
 
 #include "quiet_stretch.hpp"
 #include "scenes.hpp"
+#include "vsr2/constants.hpp"
 
 namespace vsr2 {
 namespace {
 
 const std::atomic<bool> kRunOn{false};
 constexpr double kG = 9.81;
-constexpr double kSafety = 1.25;  // of Bearing
+constexpr double kSafety = kQuietStretch.safety;
 
 // A block of 0.4 x 0.6 x 1 m on its four corners, friction 0.9; it would rock before it slides.
 Foothold block(double stiffness = 2.6e9, double damping = 1e7) {
