@@ -86,14 +86,15 @@ struct ContactRow {
   /// The row's direction about the mass centre, for a contact at `r` from it: r x d [m; 1 for spinning].
   static Eigen::Vector3d lever(const Eigen::Vector3d& r) {
     if constexpr (kLinear < 0) return {0, 0, kSign};
-    if constexpr (kLinear == 0) return kSign * Eigen::Vector3d(0, r.z(), -r.y());
-    if constexpr (kLinear == 1) return kSign * Eigen::Vector3d(-r.z(), 0, r.x());
-    return kSign * Eigen::Vector3d(r.y(), -r.x(), 0);
+    if constexpr (kLinear == 0) return {0, kSign * r.z(), -kSign * r.y()};
+    if constexpr (kLinear == 1) return {-kSign * r.z(), 0, kSign * r.x()};
+    return {kSign * r.y(), -kSign * r.x(), 0};
   }
 
   /// `r`: from the mass centre to the contact [m]; `wanted`: b_i; `softness`: c_i.
-  void fill(const RockResponse& rock, const Eigen::Vector3d& r, const JointAtContact& yields,
-            double wanted, double softness = 0.0) {
+  template <Joint kJoint>
+  VSR2_INLINE void fill(const RockResponse& rock, const Eigen::Vector3d& r, const JointAtContact& yields,
+                        double wanted, double softness = 0.0) {
     const auto& K = rock.inverse_inertia;
     const Eigen::Vector3d about = lever(r);
     const double a = about[kFirst];
@@ -106,16 +107,21 @@ struct ContactRow {
       for (int i = 0; i < 3; ++i) angular_response[i] = K(i, kFirst) * a + K(i, kSecond) * b;
       mass = a * angular_response[kFirst] + b * angular_response[kSecond] + rock.inverse_mass;
     }
-    linear_response = kLinear < 0 ? 0.0 : kSign * rock.inverse_mass;
-    double by_joint = kSign * yields.spin;
-    if constexpr (kLinear >= 0) by_joint = kSign * yields.slip[kLinear];
-    joint_response = yields.response * by_joint;
-    inverse_mass = (mass + softness) + by_joint * joint_response;
+    inverse_mass = mass + softness;
+    double by_joint = 0.0;
+    if constexpr (feels(kJoint)) {
+      by_joint = kSign * (kLinear < 0 ? yields.spin : yields.slip[std::max(kLinear, 0)]);
+      joint_response = yields.response * by_joint;
+      inverse_mass += by_joint * joint_response;
+    }
     const double effective = 1.0 / inverse_mass;
     first = a * effective;
-    if constexpr (kSecond >= 0) second = about[kSecond] * effective;
-    along = kLinear < 0 ? 0.0 : kSign * effective;
-    joint = by_joint * effective;
+    if constexpr (kLinear >= 0) {
+      linear_response = kSign * rock.inverse_mass;
+      second = about[kSecond] * effective;
+      along = kSign * effective;
+    }
+    if constexpr (feels(kJoint)) joint = by_joint * effective;
     target = wanted * effective;
     if constexpr (kLinear == 2) keep = 1.0 - softness * effective;
   }

@@ -198,21 +198,23 @@ void FastStepper::sweep(const ContactStep& step, const Support& support, const S
   if (motor.inverse_mass > 0) problem.joint = Joint::motor;
   if (motor.pitch_response > 0) problem.joint = Joint::pitch;
   const PitchAxis axis(support, motor);
-  for (int i = 0; i < count_; ++i) {
-    const Contact& c = contacts_[i];
-    ContactRows& rows = problem.rows[i];
-    rows.bounds = FrictionBounds::of(m.pair, friction_scale[i]);
-    JointAtContact yields;
-    if (problem.joint == Joint::motor) yields = {-Vector3d::UnitX(), 0.0, motor.inverse_mass};
-    if (problem.joint == Joint::pitch)
-      yields = {-axis.along.cross(c.s_P - axis.place), -axis.along.z(), motor.pitch_response};
-    const Vector3d slip = step.slip(c);
-    rows.normal.fill(rock, c.r_P, yields, (step.rebound(slip.z()) - slip.z()) + step.closing(c),
-                     step.softness);
-    rows.spin.fill(rock, c.r_P, yields, step.support_w.z() - step.w.z());
-    rows.lateral_1.fill(rock, c.r_P, yields, slip.y());
-    rows.lateral_2.fill(rock, c.r_P, yields, -slip.x());
-  }
+  with_joint(problem.joint, [&](auto joint) {
+    for (int i = 0; i < count_; ++i) {
+      const Contact& c = contacts_[i];
+      ContactRows& rows = problem.rows[i];
+      rows.bounds = FrictionBounds::of(m.pair, friction_scale[i]);
+      JointAtContact yields;
+      if constexpr (joint == Joint::motor) yields = {-Vector3d::UnitX(), 0.0, motor.inverse_mass};
+      if constexpr (joint == Joint::pitch)
+        yields = {-axis.along.cross(c.s_P - axis.place), -axis.along.z(), motor.pitch_response};
+      const Vector3d slip = step.slip(c);
+      rows.normal.fill<joint>(rock, c.r_P, yields, (step.rebound(slip.z()) - slip.z()) + step.closing(c),
+                              step.softness);
+      rows.spin.fill<joint>(rock, c.r_P, yields, step.support_w.z() - step.w.z());
+      rows.lateral_1.fill<joint>(rock, c.r_P, yields, slip.y());
+      rows.lateral_2.fill<joint>(rock, c.r_P, yields, -slip.x());
+    }
+  });
   iterations_ = solve(problem, m.engine.solver_iterations, m.engine.residual_threshold);
   change = problem.change;
   for (int i = 0; i < count_; ++i) {

@@ -24,7 +24,7 @@ void expect_dense(Row row, const Eigen::Vector3d& lever, const Eigen::Vector3d& 
   K << 0.3, 0.02, -0.05, 0.02, 0.4, 0.01, -0.05, 0.01, 0.2;
   const RockResponse rock{1.0 / 350, K};
   const JointAtContact joint{{0.3, -0.2, 0.5}, 0.7, 0.004};
-  row.fill(rock, kPoint, joint, 0.7, softness);
+  row.template fill<Joint::pitch>(rock, kPoint, joint, 0.7, softness);
   const double by_joint = direction.isZero() ? joint.spin : direction.dot(joint.slip);
   Vector7 J;
   J << lever, direction, by_joint;

@@ -48,10 +48,10 @@ double swept_spin(const StickingProblem& at, int sweeps) {
     const Vector3d slip = at.linear + at.angular.cross(r);
     ContactRows& rows = problem.rows[i];
     rows.bounds = kBounds;
-    rows.normal.fill(rock, r, {}, -slip.z(), kSoftness);
-    rows.spin.fill(rock, r, {}, -at.angular.z());
-    rows.lateral_1.fill(rock, r, {}, slip.y());
-    rows.lateral_2.fill(rock, r, {}, -slip.x());
+    rows.normal.fill<Joint::none>(rock, r, {}, -slip.z(), kSoftness);
+    rows.spin.fill<Joint::none>(rock, r, {}, -at.angular.z());
+    rows.lateral_1.fill<Joint::none>(rock, r, {}, slip.y());
+    rows.lateral_2.fill<Joint::none>(rock, r, {}, -slip.x());
   }
   solve(problem, sweeps, 0.0);
   return at.angular.z() + problem.change.angular[2];
