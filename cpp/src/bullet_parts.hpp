@@ -114,7 +114,7 @@ inline btMultiBodyLinkCollider& add_collider(Body& body, int link, btCollisionSh
 struct BulletParameter {
   ContactKey key;
   void (*set)(btCollisionObject&, double);
-  btScalar btManifoldPoint::* combined;
+  btScalar btManifoldPoint::* combined = nullptr;  ///< null: it acts through the bodies alone
 };
 inline constexpr BulletParameter kBulletParameters[] = {
     {"restitution", [](btCollisionObject& body, double value) { body.setRestitution(value); },
@@ -142,12 +142,14 @@ inline void set_material(btCollisionObject& object, const ContactValues& materia
 }
 
 inline void put_pair(btManifoldPoint& point, const ContactValues& pair) {
-  for (const BulletParameter& one : kBulletParameters) point.*one.combined = pair[one.key];
+  for (const BulletParameter& one : kBulletParameters)
+    if (one.combined) point.*one.combined = pair[one.key];
 }
 
 // `pair` with the values of a contact point.
 inline ContactValues pair_at(const btManifoldPoint& point, ContactValues pair) {
-  for (const BulletParameter& one : kBulletParameters) pair[one.key] = point.*one.combined;
+  for (const BulletParameter& one : kBulletParameters)
+    if (one.combined) pair[one.key] = point.*one.combined;
   return pair;
 }
 
