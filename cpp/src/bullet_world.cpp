@@ -397,10 +397,11 @@ class BulletWorld final : public BulletWorldBase {
   // Bullet gives a point what it makes of two materials whenever it finds it again, so the values that
   // the laws have in force are put there for each solution.
   void put_in_force() {
+    const bool scales = mechanics_ && scene_->mechanisms().sets_friction();
     each_contact(pedestal_collider(), [&](btManifoldPoint& point, bool rock_is_a) {
-      const double scale = mechanics_ ? mechanics_->friction_scale(on_rock(point, rock_is_a),
-                                                                   to_eigen(point.m_normalWorldOnB))
-                                      : 1.0;
+      const double scale = scales ? mechanics_->friction_scale(on_rock(point, rock_is_a),
+                                                               to_eigen(point.m_normalWorldOnB))
+                                  : 1.0;
       put_pair(point, in_force(pair_, scale));
     });
   }

@@ -213,7 +213,7 @@ class FastWorld final : public World {
     last_turn_ = support.R_WP;
     if (moves()) {
       last_rock_ = stepper_.state.p_WB;
-      if (mechanics_) set_friction();
+      if (mechanics_ && scene_->mechanisms().sets_friction()) set_friction();
       stepper_.advance(support, motor, dt);
     } else if (motor.inverse_mass > 0) {
       const MotorRow row = motor.row(next.velocity);

@@ -125,7 +125,6 @@ bool RockMechanics::pull_tether(RockState& rock, double dt) const {
 }
 
 double RockMechanics::friction_scale(const Vector3d& p_W, const Vector3d& normal_W) const {
-  if (!mechanisms_.sets_friction()) return 1.0;
   Vector3d slip = before_.v_WB + before_.w_WB.cross(p_W - before_.p_WB) - pedestal_.velocity_at(p_W);
   slip -= normal_W.dot(slip) * normal_W;
   return 1.0 + (mechanisms_.friction_ratio - 1.0) * std::exp(-slip.norm() / mechanisms_.friction_speed);
