@@ -15,6 +15,7 @@ std::map<std::string, std::string> build_facts() {
       {"compiler", __VERSION__},
       {"build_type", VSR2_BUILD_TYPE},
       {"sanitizers", VSR2_SANITIZE},
+      {"sources", VSR2_SOURCES},
   };
 }
 

@@ -109,11 +109,12 @@ inline btMultiBodyLinkCollider& add_collider(Body& body, int link, btCollisionSh
   return *body.colliders.back();
 }
 
-/// A contact parameter that Bullet knows: as a property of a body, and of a pair at a contact point.
+/// A contact parameter that Bullet has: as a property of a body, and of a pair at a contact point. One that
+/// it has not acts on these through the laws of contact_laws.hpp.
 struct BulletParameter {
   ContactKey key;
   void (*set)(btCollisionObject&, double);
-  btScalar btManifoldPoint::* combined;
+  btScalar btManifoldPoint::* combined = nullptr;  ///< null: it acts through the bodies alone
 };
 inline constexpr BulletParameter kBulletParameters[] = {
     {"restitution", [](btCollisionObject& body, double value) { body.setRestitution(value); },
@@ -140,9 +141,15 @@ inline void set_material(btCollisionObject& object, const ContactValues& materia
   for (const BulletParameter& one : kBulletParameters) one.set(object, material[one.key]);
 }
 
-// `pair` with the values that Bullet has made of two materials.
+inline void put_pair(btManifoldPoint& point, const ContactValues& pair) {
+  for (const BulletParameter& one : kBulletParameters)
+    if (one.combined) point.*one.combined = pair[one.key];
+}
+
+// `pair` with the values of a contact point.
 inline ContactValues pair_at(const btManifoldPoint& point, ContactValues pair) {
-  for (const BulletParameter& one : kBulletParameters) pair[one.key] = point.*one.combined;
+  for (const BulletParameter& one : kBulletParameters)
+    if (one.combined) pair[one.key] = point.*one.combined;
   return pair;
 }
 

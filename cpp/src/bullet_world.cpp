@@ -11,6 +11,7 @@
 
 #include "bullet_parts.hpp"
 #include "bullet_world.hpp"
+#include "contact_laws.hpp"
 #include "drive_law.hpp"
 #include "exact_solver.hpp"
 #include "scene_shapes.hpp"
@@ -63,8 +64,7 @@ class BulletWorld final : public BulletWorldBase {
     check_drive(scene_->pedestal(), drive_);
     if (scene_->pedestal().pitch_spring)
       joint_.emplace(*scene_, engine.time_step / engine.substeps);
-    if (scene_->mechanisms().sets_friction())
-      world_.before_solution = [this] { set_friction(); };
+    world_.before_solution = [this] { put_in_force(); };
     add_ground();
     add_robot();
     touches_.reserve(16);
@@ -394,13 +394,15 @@ class BulletWorld final : public BulletWorldBase {
     });
   }
 
-  // Bullet gives a point its coefficient whenever it finds it again, so it is set for each solution.
-  void set_friction() {
-    if (!mechanics_) return;
-    const double nominal = pair_["lateral_friction"];
+  // Bullet gives a point what it makes of two materials whenever it finds it again, so the values that
+  // the laws have in force are put there for each solution.
+  void put_in_force() {
+    const bool scales = mechanics_ && scene_->mechanisms().sets_friction();
     each_contact(pedestal_collider(), [&](btManifoldPoint& point, bool rock_is_a) {
-      point.m_combinedFriction = nominal * mechanics_->friction_scale(on_rock(point, rock_is_a),
-                                                                      to_eigen(point.m_normalWorldOnB));
+      const double scale = scales ? mechanics_->friction_scale(on_rock(point, rock_is_a),
+                                                               to_eigen(point.m_normalWorldOnB))
+                                  : 1.0;
+      put_pair(point, in_force(pair_, scale));
     });
   }
 

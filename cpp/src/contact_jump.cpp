@@ -5,15 +5,10 @@
 
 #include "hull_scan.hpp"
 #include "linear_form.hpp"
+#include "vsr2/constants.hpp"
 
 namespace vsr2 {
 namespace {
-
-// Greatest change of direction of a sliding contact that a jump makes [rad]: speed against error. Of
-// 150 sweeps over two to four sliding contacts it leaves 13 to be done one by one, in the mean of
-// 20,000 draws, with velocities within 2e-10 m/s of those of all sweeps; ten times as much leaves 11,
-// and 6e-9 m/s. tests/cpp/test_fast_stepper.cpp bounds the error.
-constexpr double kMostTurn = 1e-5;
 
 // Motor, 4 normal, 4 spinning and 8 lateral rows.
 constexpr int kMostVariables = 17;
@@ -351,7 +346,7 @@ class Jump {
     const double b = r.lateral_2.unbounded + lateral_unbounded_2_[i].of(next);
     const double u_1 = r.lateral_1.unbounded, u_2 = r.lateral_2.unbounded;
     return a * a + b * b >= limit * limit &&
-           std::fabs(a * u_2 - b * u_1) <= kMostTurn * (u_1 * u_1 + u_2 * u_2);
+           std::fabs(a * u_2 - b * u_1) <= kSweep.greatest_turn * (u_1 * u_1 + u_2 * u_2);
   }
 
   const ContactProblem& p_;

@@ -59,16 +59,19 @@ struct RockResponse {
   double inverse_mass;              ///< [1/kg]
   Eigen::Matrix3d inverse_inertia;  ///< along the support's axes [1/(kg m^2)]
 };
-/// The joint's part in a row: its speed in the row by a unit rate, its rate by a unit impulse of it.
-struct JointResponse {
-  double jacobian = 0.0;
-  double response = 0.0;
+/// The joint as a contact feels it.
+struct JointAtContact {
+  Eigen::Vector3d slip = Eigen::Vector3d::Zero();  ///< of the rock over the support by a unit rate [m or 1]
+  double spin = 0.0;      ///< of the rock over the support about z by a unit rate [1]
+  double response = 0.0;  ///< rate by a unit of its own impulse [1 / (kg m^2) or 1/kg]
 };
 
 /// A row, with the entries of its Jacobian that are not 0 on a support whose normal is z: about the
-/// axes kFirst and kSecond, and along kLinear (-1: none).
-template <int kFirst, int kSecond, int kLinear>
+/// axes kFirst and kSecond, and in the sense kSense along the axis kLinear (-1: none, it turns).
+template <int kFirst, int kSecond, int kLinear, int kSense>
 struct ContactRow {
+  static constexpr double kSign = kSense;
+
   // J_i / k_i: from velocities to impulses.
   double first, second, along, joint;
   // M^-1 J_i^T: change of the velocities by a unit impulse.
@@ -80,29 +83,45 @@ struct ContactRow {
   double change = 0.0;        ///< of the impulse in the latest sweep [N s]
   double unbounded = 0.0;     ///< the impulse of the latest sweep before its projection [N s]
 
-  /// `lever`: the row's direction about the mass centre, whose entries kFirst and kSecond count [m;
-  /// 1 for spinning]; `sense`: its sign along kLinear; `wanted`: b_i; `softness`: c_i.
-  void fill(const RockResponse& rock, const Eigen::Vector3d& lever, double sense,
-            const JointResponse& yields, double wanted, double softness = 0.0) {
+  /// The row's direction about the mass centre, for a contact at `r` from it: r x d [m; 1 for spinning].
+  static Eigen::Vector3d lever(const Eigen::Vector3d& r) {
+    if constexpr (kLinear < 0) return {0, 0, kSign};
+    if constexpr (kLinear == 0) return {0, kSign * r.z(), -kSign * r.y()};
+    if constexpr (kLinear == 1) return {-kSign * r.z(), 0, kSign * r.x()};
+    return {kSign * r.y(), -kSign * r.x(), 0};
+  }
+
+  /// `r`: from the mass centre to the contact [m]; `wanted`: b_i; `softness`: c_i.
+  template <Joint kJoint>
+  VSR2_INLINE void fill(const RockResponse& rock, const Eigen::Vector3d& r, const JointAtContact& yields,
+                        double wanted, double softness = 0.0) {
     const auto& K = rock.inverse_inertia;
-    const double a = lever[kFirst];
+    const Eigen::Vector3d about = lever(r);
+    const double a = about[kFirst];
     double mass = 0.0;
     if constexpr (kSecond < 0) {
       for (int i = 0; i < 3; ++i) angular_response[i] = K(i, kFirst) * a;
       mass = a * angular_response[kFirst];
     } else {
-      const double b = lever[kSecond];
+      const double b = about[kSecond];
       for (int i = 0; i < 3; ++i) angular_response[i] = K(i, kFirst) * a + K(i, kSecond) * b;
       mass = a * angular_response[kFirst] + b * angular_response[kSecond] + rock.inverse_mass;
     }
-    linear_response = sense * rock.inverse_mass;
-    joint_response = yields.response;
-    inverse_mass = (mass + softness) + yields.jacobian * yields.response;
+    inverse_mass = mass + softness;
+    double by_joint = 0.0;
+    if constexpr (feels(kJoint)) {
+      by_joint = kSign * (kLinear < 0 ? yields.spin : yields.slip[std::max(kLinear, 0)]);
+      joint_response = yields.response * by_joint;
+      inverse_mass += by_joint * joint_response;
+    }
     const double effective = 1.0 / inverse_mass;
     first = a * effective;
-    if constexpr (kSecond >= 0) second = lever[kSecond] * effective;
-    along = sense * effective;
-    joint = yields.jacobian * effective;
+    if constexpr (kLinear >= 0) {
+      linear_response = kSign * rock.inverse_mass;
+      second = about[kSecond] * effective;
+      along = kSign * effective;
+    }
+    if constexpr (feels(kJoint)) joint = by_joint * effective;
     target = wanted * effective;
     if constexpr (kLinear == 2) keep = 1.0 - softness * effective;
   }
@@ -146,10 +165,10 @@ struct ContactRow {
   }
 };
 
-using NormalRow = ContactRow<0, 1, 2>;    // along z
-using SpinningRow = ContactRow<2, -1, -1>;  // about z
-using Lateral1Row = ContactRow<0, 2, 1>;  // along -y
-using Lateral2Row = ContactRow<1, 2, 0>;  // along x
+using NormalRow = ContactRow<0, 1, 2, 1>;      // along z
+using SpinningRow = ContactRow<2, -1, -1, 1>;  // about z
+using Lateral1Row = ContactRow<0, 2, 1, -1>;   // along -y
+using Lateral2Row = ContactRow<1, 2, 0, 1>;    // along x
 
 /// As apply() of both rows of a lateral pair, whose effects are added before they are taken in.
 template <Joint kJoint, typename Scalar>

@@ -4,13 +4,10 @@
 #include <cmath>
 
 #include "contact_jump.hpp"
+#include "vsr2/constants.hpp"
 
 namespace vsr2 {
 namespace {
-
-// Greatest change of direction of a sliding contact that a jump is tried after, in a sweep [rad]; a
-// tenth of what a jump may make, which then seldom fails.
-constexpr double kMostTurnBefore = 1e-6;
 
 // Rows of numbers: bounds them, notes the pattern and the greatest change of a row's speed.
 class NumberRows {
@@ -76,7 +73,7 @@ class NumberRows {
     const bool slid = pattern_.slides[i];
     pattern_.slides[i] = square >= limit * limit;
     if (!pattern_.slides[i]) return;
-    if (limit > 0.0 && !(slid && std::fabs(cross) <= kMostTurnBefore * square))
+    if (limit > 0.0 && !(slid && std::fabs(cross) <= kSweep.greatest_turn_before * square))
       pattern_.turning = true;
     const double scale = limit > 0.0 ? limit / std::sqrt(square) : 0.0;
     next_1 *= scale;

@@ -4,8 +4,8 @@
 
 #include <array>
 
+#include "contact_laws.hpp"
 #include "contact_rows.hpp"
-#include "friction_bounds.hpp"
 
 namespace vsr2 {
 

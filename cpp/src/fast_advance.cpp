@@ -2,7 +2,6 @@
 
 #include <algorithm>
 #include <cmath>
-#include <limits>
 
 #include "contact_sweeps.hpp"
 #include "fast_stepper.hpp"
@@ -54,11 +53,10 @@ struct PitchAxis {
 
 }  // namespace
 
-// A step's velocities and contact law, along the support's axes. The one place where contact parameters
-// act on normal rows, as FrictionBounds is for those of friction: both ways to find impulses take the
-// law from here.
+// A step's velocities along the support's axes, and what its contacts' normals ask of them: both ways to
+// find impulses take it from here.
 struct FastStepper::ContactStep {
-  const ContactValues& pair;
+  NormalLaw law;
   double threshold;  // of the speed of approach, for restitution [m/s]
   double dt;
   double softness;  // of normal rows [1/kg]
@@ -70,19 +68,17 @@ struct FastStepper::ContactStep {
 
   ContactStep(const FastModel& m, const Matrix3d& R_WB, const Support& support, const Vector3d& v_W,
               const Vector3d& w_W, double time_step)
-      : pair(m.pair),
+      : law(NormalLaw::of(m.pair)),
         threshold(m.engine.restitution_velocity_threshold),
         dt(time_step),
+        softness(law.softness(dt)),
+        erp(law.erp(dt)),
         turns(!support.level),
         R_PB(R_WB),
         v(v_W),
         w(w_W),
         support_v(support.v_WP),
         support_w(support.w_WP) {
-    const double resistance =
-        std::max(dt * pair["stiffness"] + pair["damping"], std::numeric_limits<double>::epsilon());
-    softness = 1.0 / resistance / dt;
-    erp = dt * pair["stiffness"] / resistance;
     if (!turns) return;
     const Matrix3d R_PW = support.R_WP.transpose();
     R_PB = R_PW * R_PB;
@@ -99,9 +95,7 @@ struct FastStepper::ContactStep {
     return v + w.cross(at.r_P) - support_speed;
   }
   // The normal velocity that a contact wants is the sum of both [m/s].
-  double rebound(double approach) const {
-    return std::fabs(approach) >= threshold ? std::max(0.0, pair["restitution"] * -approach) : 0.0;
-  }
+  double rebound(double approach) const { return law.rebound(approach, threshold); }
   double closing(const Contact& at) const {
     const double distance = at.distance + kLinearSlop;
     return distance > 0 ? -distance / dt : -distance * erp / dt;
@@ -204,27 +198,23 @@ void FastStepper::sweep(const ContactStep& step, const Support& support, const S
   if (motor.inverse_mass > 0) problem.joint = Joint::motor;
   if (motor.pitch_response > 0) problem.joint = Joint::pitch;
   const PitchAxis axis(support, motor);
-  const bool sprung = problem.joint == Joint::pitch;
-  for (int i = 0; i < count_; ++i) {
-    const Contact& c = contacts_[i];
-    ContactRows& rows = problem.rows[i];
-    rows.bounds = FrictionBounds::of(m.pair, friction_scale[i]);
-    const Vector3d& r = c.r_P;
-    const Vector3d slip = step.slip(c);
-    // Slip by a unit rate of pitch, and that rate by a unit impulse along the slip.
-    Vector3d lever = Vector3d::Zero();
-    if (sprung) lever = -axis.along.cross(c.s_P - axis.place);
-    const Vector3d yield = motor.pitch_response * lever;
-    rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {lever.z(), yield.z()},
-                     (step.rebound(slip.z()) - slip.z()) + step.closing(c), step.softness);
-    rows.spin.fill(rock, {0, 0, 1}, 0.0, {-axis.along.z(), -motor.pitch_response * axis.along.z()},
-                   step.support_w.z() - step.w.z());
-    rows.lateral_1.fill(rock, {r.z(), 0, -r.x()}, -1.0, {-lever.y(), -yield.y()}, slip.y());
-    rows.lateral_2.fill(rock, {0, r.z(), -r.y()}, 1.0,
-                        sprung ? JointResponse{lever.x(), yield.x()}
-                               : JointResponse{-1.0, -motor.inverse_mass},
-                        -slip.x());
-  }
+  with_joint(problem.joint, [&](auto joint) {
+    for (int i = 0; i < count_; ++i) {
+      const Contact& c = contacts_[i];
+      ContactRows& rows = problem.rows[i];
+      rows.bounds = FrictionBounds::of(m.pair, friction_scale[i]);
+      JointAtContact yields;
+      if constexpr (joint == Joint::motor) yields = {-Vector3d::UnitX(), 0.0, motor.inverse_mass};
+      if constexpr (joint == Joint::pitch)
+        yields = {-axis.along.cross(c.s_P - axis.place), -axis.along.z(), motor.pitch_response};
+      const Vector3d slip = step.slip(c);
+      rows.normal.fill<joint>(rock, c.r_P, yields, (step.rebound(slip.z()) - slip.z()) + step.closing(c),
+                              step.softness);
+      rows.spin.fill<joint>(rock, c.r_P, yields, step.support_w.z() - step.w.z());
+      rows.lateral_1.fill<joint>(rock, c.r_P, yields, slip.y());
+      rows.lateral_2.fill<joint>(rock, c.r_P, yields, -slip.x());
+    }
+  });
   iterations_ = solve(problem, m.engine.solver_iterations, m.engine.residual_threshold);
   change = problem.change;
   for (int i = 0; i < count_; ++i) {

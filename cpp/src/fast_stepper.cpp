@@ -10,6 +10,7 @@
 #include <BulletCollision/NarrowPhaseCollision/btVoronoiSimplexSolver.h>
 
 #include "scene_shapes.hpp"
+#include "vsr2/constants.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
@@ -20,12 +21,6 @@ using Eigen::Vector3d;
 
 // Bullet's search takes four points that span less than this for points of one plane [m^3].
 constexpr double kFlatVolume = 1e-8;
-// Bullet's normal is the direction of least depth: vertical in a thick top, away from its edge. The
-// bounds are chosen by hand, well inside of where that ends; beyond them Bullet takes over.
-constexpr double kDeepestOfRock = 0.1;  // depth over half the size of the rock [1]
-constexpr double kDeepestOfTop = 0.2;   // depth over the least half edge of the top's box [1]
-constexpr double kGuardOfRock = 0.01;   // distance from the top's edge, over half the rock's size [1]
-
 const Part& only_part(const std::vector<Part>& parts) { return parts.front(); }
 
 }  // namespace
@@ -97,8 +92,8 @@ FastModel::FastModel(const Scene& scene) {
       std::min(shapes.rock->getContactBreakingThreshold(engine.contact_breaking_threshold),
                shapes.pedestal->getContactBreakingThreshold(engine.contact_breaking_threshold));
   const double size = is_box ? box_half.norm() : radius;
-  deepest = std::min(kDeepestOfRock * size, kDeepestOfTop * support_half.minCoeff());
-  guard = 2.0 * engine.collision_margin + kGuardOfRock * size;
+  deepest = std::min(kTop.deepest_of_rock * size, kTop.deepest_of_top * support_half.minCoeff());
+  guard = kTop.guard_of_margin * engine.collision_margin + kTop.guard_of_rock * size;
 
   mass = rock.mass;
   inertia = scene.rock_inertia();
@@ -235,10 +230,10 @@ FastStepper::Verdict FastStepper::detect(const Support& support) {
 }
 
 // Near the edge another direction than the vertical may part the two at less depth: where the edge is
-// no farther off than the depth. Twice that is on the safe side.
+// no farther off than the depth.
 bool FastStepper::is_off_the_edge(const Vector3d& point, double depth) const {
   const FastModel& m = *model_;
-  const double guard = m.guard + 2.0 * std::max(depth, 0.0);
+  const double guard = m.guard + kTop.guard_of_depth * std::max(depth, 0.0);
   return !(std::fabs(point.x()) < m.support_half.x() - guard &&
            std::fabs(point.y()) < m.support_half.y() - guard);
 }

@@ -8,7 +8,7 @@
 #include "bullet_world.hpp"
 #include "drive_law.hpp"
 #include "fast_stepper.hpp"
-#include "friction_bounds.hpp"
+#include "foothold.hpp"
 #include "scene_shapes.hpp"
 #include "vsr2/engines.hpp"
 
@@ -127,10 +127,8 @@ class FastWorld final : public World {
     // Bullet's second lateral direction depends on which body it takes first.
     const FastModel& model = stepper_.model();
     const double sign = model.rock_is_first ? 1.0 : -1.0;
-    ContactValues pair = model.pair;
     for (int i = 0; i < stepper_.contact_count(); ++i) {
       const FastStepper::Contact& c = stepper_.contact(i);
-      pair["lateral_friction"] = model.pair["lateral_friction"] * stepper_.friction_scale[i];
       out.push_back({
           .p_W_rock = last_rock_ + last_turn_ * c.r_P,
           .p_W_pedestal = last_support_ + last_turn_ * c.s_P,
@@ -141,7 +139,7 @@ class FastWorld final : public World {
           .lateral_impulse_2 = sign * c.lateral_impulse_2,
           .direction_1 = -last_turn_.col(1),
           .direction_2 = sign * last_turn_.col(0),
-          .pair = pair,
+          .pair = in_force(model.pair, stepper_.friction_scale[i]),
       });
     }
   }
@@ -154,10 +152,8 @@ class FastWorld final : public World {
     const Eigen::Matrix3d R_TB = last_turn_.transpose() * stepper_.state.q_WB.toRotationMatrix();
     Foothold foothold{.R_WT = last_turn_,
                       .friction = FrictionBounds::of(model.pair,
-                                                     std::min(1.0, scene_->mechanisms().friction_ratio))
-                                      .lateral(1.0),
-                      .stiffness = model.pair["stiffness"],
-                      .damping = model.pair["damping"],
+                                                     std::min(1.0, scene_->mechanisms().friction_ratio)),
+                      .normal = NormalLaw::of(model.pair),
                       .mass = model.mass,
                       .inertia_T = R_TB * model.inertia.asDiagonal() * R_TB.transpose()};
     for (int i = 0; i < stepper_.contact_count(); ++i) {

@@ -5,20 +5,14 @@
 
 #include <Eigen/Eigenvalues>
 
+#include "vsr2/constants.hpp"
+
 namespace vsr2 {
 namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-// A point this near to the line through two others is on it [m].
-constexpr double kOnLine = 1e-6;
-
-// Deflections are taken for gone after so many times the memory of the contacts, e^-10 of them being
-// left. After five times a block began to rock with velocities off by 1e-8 m/s, and 3 % of borderline
-// outcomes differed; after ten 1 % do (studies/quiet_stretches.py).
-constexpr double kFaded = 10.0;
 
 // Greatest answer of a linear oscillator to an input of size 1, over its static answer [1].
 double overshoot(double damping_ratio) {
@@ -52,9 +46,9 @@ Bearing::Bearing(const Foothold& foothold, double gravity)
         least = std::min(least, inside);
         greatest = std::max(greatest, inside);
       }
-      if (least < -kOnLine && greatest > kOnLine) continue;
-      if (least < -kOnLine) inward = -inward;
-      if (std::max(-least, greatest) <= kOnLine) continue;
+      if (least < -kQuietStretch.on_line && greatest > kQuietStretch.on_line) continue;
+      if (least < -kQuietStretch.on_line) inward = -inward;
+      if (std::max(-least, greatest) <= kQuietStretch.on_line) continue;
       edges_[count_++] = {inward, -0.5 * (r[i].z() + r[j].z()), -inward.dot(r[i].head<2>())};
     }
   }
@@ -74,18 +68,18 @@ Bearing::Bearing(const Foothold& foothold, double gravity)
                                                                             Eigen::EigenvaluesOnly)
                              .eigenvalues();
   for (const double mode : modes) {
-    const double frequency = std::sqrt(foothold.stiffness * std::max(mode, 0.0));
-    const double ratio = 0.5 * foothold.damping * frequency / foothold.stiffness;
+    const double frequency = foothold.normal.frequency(std::max(mode, 0.0));
+    const double ratio = foothold.normal.damping_ratio(frequency);
     gain_ = std::max(gain_, overshoot(ratio));
     memory_ = std::max(memory_, 1.0 / fading(ratio, frequency));
   }
-  gain_ *= kSafety;
+  gain_ *= kQuietStretch.safety;
 }
 
 bool Bearing::bears(const Vector3d& a_W) const {
   const Vector3d f = rest_T_ + gain_ * (R_TW_ * a_W);
   const Vector2d lateral = f.head<2>();
-  if (count_ < 3 || !(f.z() > 0) || !(lateral.norm() <= friction_ * f.z())) return false;
+  if (count_ < 3 || !(f.z() > 0) || !(lateral.norm() <= friction_.lateral(f.z()))) return false;
   for (int i = 0; i < count_; ++i)
     if (!(edges_[i].height * edges_[i].inward.dot(lateral) <= edges_[i].room * f.z())) return false;
   return true;
@@ -119,7 +113,7 @@ std::int64_t QuietStretches::last(const Foothold& foothold, std::int64_t k, std:
   while (i <= end && bearing.bears(acceleration(i))) ++i;
   if (i > end) return end;
   next = i + 1;
-  const auto faded = static_cast<std::int64_t>(std::ceil(kFaded * bearing.memory() / dt_));
+  const auto faded = static_cast<std::int64_t>(std::ceil(kQuietStretch.faded * bearing.memory() / dt_));
   return std::max(k, i - 1 - faded);
 }
 

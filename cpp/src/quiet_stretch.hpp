@@ -4,6 +4,7 @@
 #include <array>
 #include <cstdint>
 
+#include "foothold.hpp"
 #include "vsr2/trial.hpp"
 
 namespace vsr2 {
@@ -23,8 +24,8 @@ namespace vsr2 {
 /// linear oscillator of damping ratio z < 1 answers none by more than coth(pi z / (2 sqrt(1 - z^2)))
 /// times its greatest size, the integral of its impulse response's absolute value; one of z >= 1 by no
 /// more than that size. The slowest of the rock's three modes on its contacts (heave and two tilts)
-/// has the least z. Changes of f from rest are enlarged by its factor, and by kSafety, chosen by hand, for
-/// what the model of small deflections leaves out.
+/// has the least z. Changes of f from rest are enlarged by its factor, and by kQuietStretch.safety
+/// for what the model of small deflections leaves out.
 class Bearing {
  public:
   Bearing(const Foothold& foothold, double gravity);
@@ -35,8 +36,6 @@ class Bearing {
   double memory() const { return memory_; }
 
  private:
-  static constexpr double kSafety = 1.25;
-
   struct Edge {
     Eigen::Vector2d inward;  ///< unit
     double height;           ///< of the mass centre over it [m]
@@ -44,7 +43,7 @@ class Bearing {
   };
   std::array<Edge, 6> edges_;  ///< of the support polygon; four points have six lines
   int count_ = 0;
-  double friction_ = 0.0;
+  FrictionBounds friction_;
   double gain_ = 1.0;
   double memory_ = 0.0;
   Eigen::Matrix3d R_TW_;

@@ -4,53 +4,14 @@
 #include <cmath>
 #include <limits>
 
+#include "vsr2/constants.hpp"
+
 namespace vsr2 {
 namespace {
 
 using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
-
-// All of these are chosen by hand, for rocks of a decimetre to some metres; what each decides stands in
-// docs/explanation/mechanisms.md, and tests/cpp/test_mechanisms.cpp holds the mechanisms to closed
-// forms with them.
-
-// Rolling resistance fades in over this rate [rad/s].
-constexpr double kRollingRate = 0.01;
-
-// A bond forms after a rest of this length [s] at less than these speeds [m/s], [rad/s], over the
-// vertices within this height of the lowest [m], and breaks when it has opened by this much [m].
-constexpr double kBondRest = 0.1;
-constexpr double kRestSpeed = 0.01;
-constexpr double kRestRate = 0.02;
-constexpr double kFootprintDepth = 1e-3;
-constexpr double kBondOpening = 1e-4;
-
-// A fall through the mass centre's height stretches the tether by 0.05 rad.
-constexpr double kTetherStiffness = 800.0;
-constexpr double kTetherDamping = 0.5;  // of the critical
-// Greatest (natural frequency x time step)^2 of the tether.
-constexpr double kTetherStep = 0.04;
-
-// An impact begins with a blow at this speed [m/s] on a point that has borne nothing for kForget
-// [s], goes on while there are blows at kAfterBlow, is over when none came for kQuiet [s], and is
-// given up after kLongest [s]. A rock that comes back to its other edge within kForget left at a
-// speed near kBlow; the two ends of one edge may strike in turn for about as long.
-constexpr double kBlow = 0.04;
-constexpr double kAfterBlow = 0.01;
-constexpr double kQuiet = 0.004;
-constexpr double kLongest = 0.03;
-constexpr double kForget = 0.05;
-// Share of energy that an impact takes from which on the ratio applies in full.
-constexpr double kFullLoss = 0.02;
-// Points that open at more than this share of the first blow's speed do not bear the rock.
-constexpr double kOpens = 0.5;
-// A motion is a rotation about a support if this share of its energy, at most, is not that of one. Its
-// energy grows by no more than kGreatestGain.
-constexpr double kOtherMotion = 0.1;
-constexpr double kGreatestGain = 1.5;
-// Points of support nearer than this to one another, and to a line, are one and on it [m].
-constexpr double kSamePoint = 2e-3;
 
 }  // namespace
 
@@ -127,7 +88,7 @@ bool RockMechanics::resist_rocking(RockState& rock, double dt) const {
   const double p = std::sqrt(mass_ * gravity_ * distance / I_O);
   const double moment =
       2.0 * mechanisms_.rocking_damping * p * I_O * rate +
-      normal_force_ * mechanisms_.rolling_resistance * rate / std::hypot(rate, kRollingRate);
+      normal_force_ * mechanisms_.rolling_resistance * rate / std::hypot(rate, kRolling.fading_rate);
   // No more than what stops the rocking.
   w = axis * (-std::min(moment * dt, I_O * rate));
   rock.w_WB += I.ldlt().solve(w);
@@ -153,9 +114,9 @@ bool RockMechanics::pull_tether(RockState& rock, double dt) const {
   const Vector3d axis = across / sine;
   const Matrix3d I = inertia_W(rock);
   const double least = inertia_.minCoeff();
-  const double k = std::min(kTetherStiffness * mass_ * gravity_ * start_height_,
-                            kTetherStep * least / (dt * dt));
-  const double c = 2.0 * kTetherDamping * std::sqrt(k * least);
+  const double k = std::min(kTether.stiffness * mass_ * gravity_ * start_height_,
+                            kTether.step * least / (dt * dt));
+  const double c = 2.0 * kTether.damping * std::sqrt(k * least);
   const double couple = k * (tilt - mechanisms_.catch_slack) +
                         c * axis.dot(relative(before_, pedestal_).w);
   if (!(couple > 0)) return false;
@@ -193,13 +154,13 @@ double RockMechanics::height_of_bond(const RockState& rock) const {
 
 void RockMechanics::follow_bond(const RockState& rock, const std::vector<Touch>& touches,
                                 double dt) {
-  if (bond_ == Bond::holds && height_of_bond(rock) > bond_height_ + kBondOpening) bond_ = Bond::broken;
+  if (bond_ == Bond::holds && height_of_bond(rock) > bond_height_ + kBond.opening) bond_ = Bond::broken;
   if (bond_ != Bond::none) return;
   const Velocity velocity = relative(rock, pedestal_);
-  const bool rests = touches.size() >= 3 && normal_force_ > 0 && velocity.v.norm() < kRestSpeed &&
-                     velocity.w.norm() < kRestRate;
+  const bool rests = touches.size() >= 3 && normal_force_ > 0 && velocity.v.norm() < kBond.rest_speed &&
+                     velocity.w.norm() < kBond.rest_rate;
   rested_ = rests ? rested_ + dt : 0.0;
-  if (rested_ > kBondRest) form_bond(rock, touches);
+  if (rested_ > kBond.rest) form_bond(rock, touches);
 }
 
 // The footprint's hull by Andrew's monotone chain, its area and centroid; seen along the normal.
@@ -215,7 +176,7 @@ void RockMechanics::form_bond(const RockState& rock, const std::vector<Touch>& t
   for (const Vector3d& vertex : outline_->vertices) lowest = std::min(lowest, R_TB.row(2).dot(vertex));
   footprint.clear();
   for (const Vector3d& vertex : outline_->vertices)
-    if (R_TB.row(2).dot(vertex) <= lowest + kFootprintDepth)
+    if (R_TB.row(2).dot(vertex) <= lowest + kBond.footprint_depth)
       footprint.emplace_back(R_TB.row(0).dot(vertex), R_TB.row(1).dot(vertex));
   std::sort(footprint.begin(), footprint.end(), [](const Vector2d& a, const Vector2d& b) {
     return a.x() < b.x() || (a.x() == b.x() && a.y() < b.y());
@@ -266,7 +227,7 @@ bool RockMechanics::follow_impact(RockState& rock, const PedestalMotion& pedesta
   const Vector3d acceleration =
       (pedestal.velocity_at(rock.p_WB) - pedestal_.velocity_at(rock.p_WB)) / dt;
   const Vector3d force = mass_ * (Vector3d(0, 0, -gravity_) - acceleration);
-  if (!impact.open && first_blow > kBlow) {
+  if (!impact.open && first_blow > kImpact.blow) {
     impact.open = true;
     impact.elapsed = impact.quiet = impact.work = impact.greatest_work = 0.0;
     impact.blow = first_blow;
@@ -279,16 +240,16 @@ bool RockMechanics::follow_impact(RockState& rock, const PedestalMotion& pedesta
   impact.work += dt * force.dot(relative(rock, pedestal).v);
   impact.greatest_work = std::max(impact.greatest_work, impact.work);
   impact.elapsed += dt;
-  impact.quiet = blow > kAfterBlow ? 0.0 : impact.quiet + dt;
-  if (impact.quiet > kQuiet - 0.5 * dt) return close_impact(rock, pedestal, force, dt);
-  if (impact.elapsed > kLongest) impact.open = false;
+  impact.quiet = blow > kImpact.after_blow ? 0.0 : impact.quiet + dt;
+  if (impact.quiet > kImpact.quiet - 0.5 * dt) return close_impact(rock, pedestal, force, dt);
+  if (impact.elapsed > kImpact.longest) impact.open = false;
   return false;
 }
 
 std::size_t RockMechanics::support_at(const Vector3d& p_B) const {
   std::size_t i = impact_.supports;
   while (i-- > 0)
-    if ((impact_.support[i].p_B - p_B).squaredNorm() < kSamePoint * kSamePoint) return i;
+    if ((impact_.support[i].p_B - p_B).squaredNorm() < kImpact.same_point * kImpact.same_point) return i;
   return impact_.supports;
 }
 
@@ -296,7 +257,7 @@ void RockMechanics::note_support(const std::vector<Touch>& touches, double dt) {
   Impact& impact = impact_;
   for (std::size_t i = impact.supports; i-- > 0;) {
     impact.support[i].idle += dt;
-    if (impact.support[i].idle > kForget) impact.support[i] = impact.support[--impact.supports];
+    if (impact.support[i].idle > kImpact.forget) impact.support[i] = impact.support[--impact.supports];
   }
   for (const Touch& touch : touches) {
     if (!(touch.impulse > 0)) continue;
@@ -316,7 +277,7 @@ RockMechanics::Velocity RockMechanics::in_body(const RockState& rock, const Velo
 // that, the one of them that it turns about.
 bool RockMechanics::find_pivot(const Velocity& now_B, const Vector3d& up_B, Pivot& pivot) const {
   const Impact& impact = impact_;
-  const double enough = (1.0 - kOtherMotion) * kinetic_energy(now_B);
+  const double enough = (1.0 - kImpact.other_motion) * kinetic_energy(now_B);
   const auto turns_about = [&](const Pivot& candidate) {
     return kinetic_energy(about(candidate, now_B)) > enough;
   };
@@ -324,7 +285,7 @@ bool RockMechanics::find_pivot(const Velocity& now_B, const Vector3d& up_B, Pivo
   std::size_t count = 0;
   for (std::size_t i = 0; i < impact.supports; ++i) {
     const Support& support = impact.support[i];
-    if (support.idle < impact.elapsed && up_B.dot(now_B.at(support.p_B)) < kOpens * impact.blow)
+    if (support.idle < impact.elapsed && up_B.dot(now_B.at(support.p_B)) < kImpact.opens * impact.blow)
       point[count++] = support.p_B;
   }
   for (std::size_t i = 0; i < count; ++i)
@@ -335,7 +296,7 @@ bool RockMechanics::find_pivot(const Velocity& now_B, const Vector3d& up_B, Pivo
     pivot.chord.normalize();
     bool line = true;
     for (std::size_t i = 0; i < count; ++i)
-      line = line && (point[i] - pivot.p_B).cross(pivot.chord).norm() <= kSamePoint;
+      line = line && (point[i] - pivot.p_B).cross(pivot.chord).norm() <= kImpact.same_point;
     if (line && turns_about(pivot)) return true;
   }
   double greatest = 0.0;
@@ -376,7 +337,7 @@ bool RockMechanics::close_impact(RockState& rock, const PedestalMotion& pedestal
   Pivot pivot;
   if (!find_pivot(now_B, rock.q_WB.conjugate() * pedestal.R_WP.col(2), pivot)) return false;
   const double housner = kinetic_energy(about(pivot, impact.before_B)) / impact.energy;
-  const double power = std::clamp((1.0 - housner) / kFullLoss, 0.0, 1.0);
+  const double power = std::clamp((1.0 - housner) / kImpact.full_loss, 0.0, 1.0);
   const double kept = std::min(1.0, std::pow(mechanisms_.impact_energy_ratio, power) * housner);
   // The impact is where the weight had done most work: the rock was lowest there.
   const double wanted = kept * (impact.energy + impact.lead + impact.greatest_work) -
@@ -387,7 +348,7 @@ bool RockMechanics::close_impact(RockState& rock, const PedestalMotion& pedestal
   // present scale^2 + 2 lag scale = wanted
   const double lag = 0.25 * dt * force.dot(rock.q_WB * next.v);
   const double scale = std::min((std::sqrt(lag * lag + present * wanted) - lag) / present,
-                                std::sqrt(kGreatestGain));
+                                std::sqrt(kImpact.greatest_gain));
   rock.v_WB = pedestal.velocity_at(rock.p_WB) + scale * (rock.q_WB * next.v);
   rock.w_WB = pedestal.w_WP + scale * (rock.q_WB * next.w);
   return true;

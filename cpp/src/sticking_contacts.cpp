@@ -5,6 +5,8 @@
 #include <Eigen/Geometry>
 #include <Eigen/LU>
 
+#include "vsr2/constants.hpp"
+
 namespace vsr2 {
 namespace {
 
@@ -12,19 +14,10 @@ using Eigen::Matrix3d;
 using Eigen::Vector3d;
 using Eigen::Vector4d;
 
-// Heights that differ by less than this from their mean, per its size, count as equal. A rock that
-// rocks at the rate a over two contacts at the distance d then lacks the spin by which it follows
-// their slope, at most 2 kLevel a z / d: some 1e-6 m/s, as much as 150 sweeps stop short of on a level
-// base (docs/validation/engines.md). Contacts of a level base differ by how far they have sunk in: of
-// 66,000 steps of a block and a scanned rock that stand, rock and land, 20 differ by more, and 145 by
-// more than 1e-5. Such a step is swept.
-constexpr double kLevel = 1e-4;
-// Sets of closed contacts that are reached by changing the contact that is most wrong. Of 66,000 steps
-// of a block and a scanned rock that stand, rock and land five were enough, or the sets recurred, in
-// 1 of 50. From there the first wrong contact is changed, which reaches each of the 16 sets at most
-// once, as long as no single contact is left: that one lets the rock spin, which is another problem.
-constexpr int kGreedySets = 5;
-constexpr int kMostSets = kGreedySets + 16;
+// From the greedy sets of closed contacts on the first wrong contact is changed, which reaches each of the
+// 16 sets at most once, as long as no single contact is left: that one lets the rock spin, which is another
+// problem.
+constexpr std::int64_t kMostSets = kSticking.greedy_sets + 16;
 
 class Solver {
  public:
@@ -34,10 +27,10 @@ class Solver {
   }
 
   bool solve() {
-    for (int tries = 0; tries < kMostSets; ++tries) {
+    for (std::int64_t tries = 0; tries < kMostSets; ++tries) {
       if (!move()) return false;
       const bool changed =
-          tries < kGreedySets ? open_pulling() || close_sinking() : change_first_wrong();
+          tries < kSticking.greedy_sets ? open_pulling() || close_sinking() : change_first_wrong();
       if (!changed) return share();
     }
     return false;
@@ -132,7 +125,7 @@ class Solver {
     for (int k = 0; k < size_; ++k) z += closed(k).z;
     z /= size_;
     for (int k = 0; k < size_; ++k)
-      if (std::fabs(closed(k).z - z) > kLevel * std::fabs(z)) return false;
+      if (std::fabs(closed(k).z - z) > kSticking.level * std::fabs(z)) return false;
     spin_ = 0.0;
     const double xx = p_.inertia(0, 0) + m * z * z, yy = p_.inertia(1, 1) + m * z * z;
     const double xy = p_.inertia(0, 1);

@@ -41,7 +41,7 @@
 
 #include <Eigen/Core>
 
-#include "friction_bounds.hpp"
+#include "contact_laws.hpp"
 
 namespace vsr2 {
 

@@ -8,6 +8,7 @@
 #include "drive_law.hpp"
 #include "quiet_stretch.hpp"
 #include "trial_world.hpp"
+#include "vsr2/constants.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
@@ -15,19 +16,6 @@ namespace {
 
 // Bullet keeps at most so many contact points between two convex parts.
 constexpr std::int64_t kManifoldPoints = 4;
-
-// A rock that leans may be about to leave its point of balance, where its speed grows as
-// exp(sqrt(m g r / I) t); it must keep still for so many windows before the trial is stopped early.
-constexpr std::int64_t kLeaningWindows = 8;
-
-// A rock that trembles on few points creeps while it counts as resting; it is stopped early only if
-// so many times its creep over the rest of the tail leaves the outcome as it is.
-constexpr double kCreepAllowance = 2.0;
-
-// A rock that is as slow as this for so long rests, as in settling. A scanned rock on three points still
-// trembles between 1e-4 and 1e-3 m/s. A quiet stretch leaves that out, which changes no more outcomes than
-// a start that is moved by 1e-6 m (docs/validation/engines.md).
-constexpr RestCriterion kStill{1e-3, 2e-3, 0.25};
 
 void check(const TrialSpec& spec) {
   if (!spec.start) throw InvalidInput("the trial has no start");
@@ -113,7 +101,8 @@ class Trial {
         size_(static_cast<std::int64_t>(spec.position.size())),
         tail_rest_(spec.tail_rest, dt_, world_.swings()),
         quiet_(spec),
-        still_(kStill, dt_, world_.swings()) {
+        still_({kQuietStretch.still_speed, kQuietStretch.still_rate, kQuietStretch.still_window}, dt_,
+               world_.swings()) {
     if (goes_on_) still_.rested(still_.window_steps());
   }
 
@@ -214,7 +203,7 @@ class Trial {
         quiet_since_ = world_.on_pedestal();
         quiet_travel_ = travel();
       }
-      if (spec_.stop_early && tail_rest_.at_rest_for(leans_ ? kLeaningWindows : 1) &&
+      if (spec_.stop_early && tail_rest_.at_rest_for(leans_ ? kRest.leaning_windows : 1) &&
           !creeps_on(limit - i - 1))
         return true;
     }
@@ -262,7 +251,7 @@ class Trial {
 
   // Whether so many more steps at the speed of the quiet time so far could change slid or rotated.
   bool creeps_on(std::int64_t steps) const {
-    const double times = kCreepAllowance * static_cast<double>(steps) /
+    const double times = kRest.creep_allowance * static_cast<double>(steps) /
                          static_cast<double>(std::max<std::int64_t>(1, tail_rest_.quiet_steps() - 1));
     const Eigen::Quaterniond now = world_.on_pedestal().orientation;
     const Eigen::Vector3d gone = travel();

@@ -3,15 +3,11 @@
 #include <array>
 #include <exception>
 
+#include "vsr2/constants.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
 namespace {
-
-// Speeds of a rock that has come to rest, not one that trembles or creeps below the settling criterion
-// [m/s], [rad/s]. Settled again from its pose it would be where it is, within 1e-9 m.
-constexpr double kStandingSpeed = 1e-6;
-constexpr double kStandingRate = 2e-6;
 
 bool finite(const RockState& rock) {
   return rock.p_WB.allFinite() && rock.q_WB.coeffs().allFinite() && rock.v_WB.allFinite() &&
@@ -109,8 +105,8 @@ bool TrialWorld::settle(const RestCriterion& criterion, double timeout,
 
 bool TrialWorld::stands_still() const {
   const PedestalMotion pedestal = pedestal_motion();
-  return (rock_.v_WB - pedestal.velocity_at(rock_.p_WB)).norm() < kStandingSpeed &&
-         (rock_.w_WB - pedestal.w_WP).norm() < kStandingRate;
+  return (rock_.v_WB - pedestal.velocity_at(rock_.p_WB)).norm() < kRest.standing_speed &&
+         (rock_.w_WB - pedestal.w_WP).norm() < kRest.standing_rate;
 }
 
 bool TrialWorld::end(Status status) {

@@ -6,6 +6,7 @@
 #include <memory>
 #include <optional>
 
+#include "foothold.hpp"
 #include "vsr2/trial.hpp"
 
 namespace vsr2 {

@@ -2,6 +2,8 @@
 
 #include <cmath>
 
+#include "foothold.hpp"
+
 namespace vsr2 {
 
 Eigen::Vector3d pitch_axis(const PedestalSpec& pedestal, const PedestalState& state) {
@@ -34,6 +36,8 @@ void require_rock(bool has_rock) {
 void require_no_rock(bool has_rock) {
   if (has_rock) throw InvalidInput("there is a rock already; delete it first", Fault::rock_present);
 }
+
+std::optional<Foothold> World::foothold() const { return std::nullopt; }
 
 void World::carry(const DriveTarget&, const DriveTarget&) {
   throw InvalidInput("this world cannot carry its rock");

@@ -6,6 +6,7 @@
 
 #include "bindings.hpp"
 #include "vsr2/build_facts.hpp"
+#include "vsr2/constants.hpp"
 
 using namespace vsr2;
 using namespace vsr2::binding;
@@ -93,4 +94,5 @@ PYBIND11_MODULE(_native, m) {
   bind_worlds(m);
   bind_trials(m);
   m.def("build_facts", &build_facts);
+  m.def("core_constants", &core_constants, "Chosen numbers of the core, by what they are of and by name.");
 }

@@ -6,7 +6,7 @@ import enum
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactParameter', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'contact_parameters', 'result_columns', 'state_columns']
+__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactParameter', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'contact_parameters', 'core_constants', 'result_columns', 'state_columns']
 class InvalidInput(ValueError):
     faults: typing.ClassVar[tuple] = ('bad_value', 'drive', 'engine_domain', 'no_rock', 'rock_present')
 class ContactValues:
@@ -369,6 +369,10 @@ def contact_columns() -> list[Column]:
     ...
 def contact_parameters() -> list[ContactParameter]:
     ...
+def core_constants() -> dict[str, dict[str, float | int]]:
+    """
+    Chosen numbers of the core, by what they are of and by name.
+    """
 def result_columns() -> list[Column]:
     """
     What running a trial gives in its row.

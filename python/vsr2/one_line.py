@@ -1,4 +1,4 @@
-"""Values that show themselves as one line, in a terminal and in a notebook."""
+"""Text of one line: values that show themselves so, in a terminal and in a notebook; counts."""
 
 from __future__ import annotations
 
@@ -30,6 +30,11 @@ class OneLine:
         return ", ".join(
             f"{name}={_shown(value)}" for name, value in self.facts.items() if value is not None
         )
+
+
+def counted(number: int, what: str) -> str:
+    """A number with its noun: 1 trial, 2 trials."""
+    return f"{number} {what}{'' if number == 1 else 's'}"
 
 
 def _shown(value: object) -> str:

@@ -13,19 +13,23 @@ Vector7 flat(const VelocityChange<double>& v) {
   return out;
 }
 
+const Eigen::Vector3d kPoint(0.2, -0.1, -0.45);  // of a contact, from the mass centre
+
 // A row's sparse operations against the dense Jacobian of its direction: k = J M^-1 J^T + c,
 // speed = J v / k, apply = M^-1 J^T, and the joint where the row feels it.
 template <typename Row>
 void expect_dense(Row row, const Eigen::Vector3d& lever, const Eigen::Vector3d& direction,
-                  double softness, const JointResponse& joint) {
+                  double softness) {
   Eigen::Matrix3d K;
   K << 0.3, 0.02, -0.05, 0.02, 0.4, 0.01, -0.05, 0.01, 0.2;
   const RockResponse rock{1.0 / 350, K};
-  row.fill(rock, lever, direction.sum(), joint, 0.7, softness);
+  const JointAtContact joint{{0.3, -0.2, 0.5}, 0.7, 0.004};
+  row.template fill<Joint::pitch>(rock, kPoint, joint, 0.7, softness);
+  const double by_joint = direction.isZero() ? joint.spin : direction.dot(joint.slip);
   Vector7 J;
-  J << lever, direction, joint.jacobian;
+  J << lever, direction, by_joint;
   Vector7 response;
-  response << K * lever, rock.inverse_mass * direction, joint.response;
+  response << K * lever, rock.inverse_mass * direction, joint.response * by_joint;
   const double k = J.dot(response) + softness;
   EXPECT_NEAR(row.inverse_mass, k, 1e-14);
   VelocityChange<double> v{{0.1, -0.2, 0.3}, {0.4, 0.5, -0.6}, 0.8};
@@ -39,13 +43,11 @@ void expect_dense(Row row, const Eigen::Vector3d& lever, const Eigen::Vector3d& 
 }
 
 TEST(ContactRows, AreTheirDenseJacobians) {
-  const Eigen::Vector3d r(0.2, -0.1, -0.45);
-  const JointResponse joint{0.3, 0.004};
-  for (const double softness : {0.0, 0.002})
-    expect_dense(NormalRow{}, r.cross(Eigen::Vector3d::UnitZ()), Eigen::Vector3d::UnitZ(), softness, joint);
-  expect_dense(SpinningRow{}, Eigen::Vector3d::UnitZ(), Eigen::Vector3d::Zero(), 0.0, joint);
-  expect_dense(Lateral1Row{}, r.cross(-Eigen::Vector3d::UnitY()), -Eigen::Vector3d::UnitY(), 0.0, joint);
-  expect_dense(Lateral2Row{}, r.cross(Eigen::Vector3d::UnitX()), Eigen::Vector3d::UnitX(), 0.0, joint);
+  const Eigen::Vector3d x = Eigen::Vector3d::UnitX(), y = Eigen::Vector3d::UnitY(), z = Eigen::Vector3d::UnitZ();
+  for (const double softness : {0.0, 0.002}) expect_dense(NormalRow{}, kPoint.cross(z), z, softness);
+  expect_dense(SpinningRow{}, z, Eigen::Vector3d::Zero(), 0.0);
+  expect_dense(Lateral1Row{}, kPoint.cross(-y), -y, 0.0);
+  expect_dense(Lateral2Row{}, kPoint.cross(x), x, 0.0);
 }
 
 TEST(ContactRows, OnlyTheRowAlongXFeelsAMotor) {

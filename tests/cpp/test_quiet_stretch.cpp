@@ -6,21 +6,21 @@
 
 #include "quiet_stretch.hpp"
 #include "scenes.hpp"
+#include "vsr2/constants.hpp"
 
 namespace vsr2 {
 namespace {
 
 const std::atomic<bool> kRunOn{false};
 constexpr double kG = 9.81;
-constexpr double kSafety = 1.25;  // of Bearing
+constexpr double kSafety = kQuietStretch.safety;
 
 // A block of 0.4 x 0.6 x 1 m on its four corners, friction 0.9; it would rock before it slides.
 Foothold block(double stiffness = 2.6e9, double damping = 1e7) {
   Foothold foothold{.count = 4,
                     .R_WT = Eigen::Matrix3d::Identity(),
-                    .friction = 0.9,
-                    .stiffness = stiffness,
-                    .damping = damping,
+                    .friction = {.coefficient = 0.9},
+                    .normal = {.stiffness = stiffness, .damping = damping},
                     .mass = 600.0,
                     .inertia_T = Eigen::Vector3d(68.0, 58.0, 26.0).asDiagonal()};
   foothold.r_T = {Eigen::Vector3d(-0.2, -0.3, -0.5), {-0.2, 0.3, -0.5}, {0.2, 0.3, -0.5}, {0.2, -0.3, -0.5}};
@@ -43,7 +43,7 @@ TEST(Bearing, IsThatOfRockingSlidingAndTakingOff) {
   expect_threshold(foothold, {0, 0, -1}, kG);
   // Less weight, less of both: |a| h = (g - a / 2) b.
   expect_threshold(foothold, {1, 0, -0.5}, kG * 0.4 / 1.2);
-  foothold.friction = 0.3;
+  foothold.friction.coefficient = 0.3;
   expect_threshold(foothold, Eigen::Vector3d(3, 4, 0) / 5, kG * 0.3);
   // On a slope of 0.1 rad, which falls along T's x: gravity already pulls that way.
   foothold = block();

@@ -48,10 +48,10 @@ double swept_spin(const StickingProblem& at, int sweeps) {
     const Vector3d slip = at.linear + at.angular.cross(r);
     ContactRows& rows = problem.rows[i];
     rows.bounds = kBounds;
-    rows.normal.fill(rock, {r.y(), -r.x(), 0}, 1.0, {}, -slip.z(), kSoftness);
-    rows.spin.fill(rock, {0, 0, 1}, 0.0, {}, -at.angular.z());
-    rows.lateral_1.fill(rock, {r.z(), 0, -r.x()}, -1.0, {}, slip.y());
-    rows.lateral_2.fill(rock, {0, r.z(), -r.y()}, 1.0, {}, -slip.x());
+    rows.normal.fill<Joint::none>(rock, r, {}, -slip.z(), kSoftness);
+    rows.spin.fill<Joint::none>(rock, r, {}, -at.angular.z());
+    rows.lateral_1.fill<Joint::none>(rock, r, {}, slip.y());
+    rows.lateral_2.fill<Joint::none>(rock, r, {}, -slip.x());
   }
   solve(problem, sweeps, 0.0);
   return at.angular.z() + problem.change.angular[2];

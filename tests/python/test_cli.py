@@ -258,7 +258,7 @@ def test_verbosity_chooses_what_is_logged(
     assert main([*options, *line] if before else [*line, *options]) == 0
     out, err = capsys.readouterr()
     assert out == ""
-    assert ("vsr2.simulation.batch: 2 trials, engine fast; 0 are in the journal" in err) is (
+    assert ("vsr2.simulation.batch: 2 trials, engine fast; 0 of them in the journal" in err) is (
         "info" in levels
     )
     assert (" s: 2 ok\n" in err) is ("info" in levels)
@@ -282,7 +282,7 @@ def test_the_journal_taken_up_is_logged(
         with pytest.raises(RuntimeError, match="killed"):
             main(line)
     assert main(["-v", *line, "--resume"]) == 0
-    assert "2 trials, engine fast; 2 are in the journal" in caplog.text
+    assert "2 trials, engine fast; 2 of them in the journal" in caplog.text
 
 
 def test_errors_of_usage_reach_callers_that_want_them() -> None:

@@ -34,7 +34,6 @@ from vsr2.simulation.effect_checks import (
     ensemble,
 )
 from vsr2.trial import Trial
-from world_samples import pair_values
 
 ROOT = Path(__file__).resolve().parents[2]
 PAGE = (ROOT / "docs" / "reference" / "effects.md").read_text()
@@ -188,9 +187,9 @@ def test_nominal_values_leave_a_trial_with_the_effect_as_it_is(checker: EffectCh
     trial = checker.bench.block()
     spin, impact = library()["spin_friction"], library()["restitution"]
     turning = spin.change(trial, {"coefficient": 0.2})
-    assert pair_values(turning.scene.contact).spinning_friction == pytest.approx(0.2)
+    assert turning.scene.contact.pair.spinning_friction == pytest.approx(0.2)
     same = spin.change(turning, spin.nominal(turning))
-    assert pair_values(same.scene.contact).spinning_friction == pytest.approx(0.2)
+    assert same.scene.contact.pair.spinning_friction == pytest.approx(0.2)
     assert impact.nominal(trial) == {"energy_ratio": 1.0}
     softer = impact.change(trial, {"energy_ratio": 0.8})
     assert impact.nominal(softer) == {"energy_ratio": 0.8}

@@ -19,7 +19,6 @@ from vsr2.motion import Record, build_recorded_motion
 from vsr2.scene.rotation import matrix_from_quaternion
 from vsr2.simulation.bench import EffectBench
 from vsr2.trial import Trial
-from world_samples import pair_values
 
 ROOT = Path(__file__).resolve().parents[2]
 Array = np.ndarray
@@ -189,7 +188,7 @@ def test_steps_of_two_effects_go_with_the_effects_of_the_same_stage(bench: Effec
     ]
     before, after = with_effects([bench.block()] * 2, given, sessions="ab")
     np.testing.assert_allclose(centre(after) - centre(before), [0.01, 0.0, 0.0], atol=1e-12)
-    rough = [pair_values(one.scene.contact).lateral_friction for one in (before, after)]
+    rough = [one.scene.contact.pair.lateral_friction for one in (before, after)]
     assert rough[1] == pytest.approx(0.5 * rough[0])
 
 

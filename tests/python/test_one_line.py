@@ -4,10 +4,12 @@ from __future__ import annotations
 
 import importlib
 import pkgutil
+import re
+from pathlib import Path
 
 import vsr2
 from vsr2.diagnosis import Diagnosis
-from vsr2.one_line import OneLine
+from vsr2.one_line import OneLine, counted
 
 
 def below(kind: type) -> set[type]:
@@ -28,3 +30,11 @@ def test_no_dataclass_writes_a_repr_of_its_own() -> None:
 def test_a_diagnosis_is_one_line() -> None:
     content = {"verdict": {"kind": "effect", "effects": ["catch"]}, "where": ["x"] * 1000}
     assert repr(Diagnosis(content)) == "<Diagnosis: kind='effect', effects=['catch']>"
+
+
+def test_a_count_agrees_with_its_noun_in_every_line_of_the_log() -> None:
+    assert [counted(n, "trial") for n in (0, 1, 2)] == ["0 trials", "1 trial", "2 trials"]
+    package = Path(vsr2.__file__).parent
+    lines = re.compile(r"_logger\.\w+\(\s*\"([^\"]*%d (?:\w+ )?\w+s\b[^\"]*)")
+    found = {p.name: lines.findall(p.read_text()) for p in package.rglob("*.py")}
+    assert {name: texts for name, texts in found.items() if texts} == {}

@@ -222,8 +222,9 @@ def test_a_full_disk_leaves_complete_records(kept) -> None:
     assert held(kept) == thirds(kept, 3)
 
 
-def test_a_missing_folder_is_stated(kept) -> None:
-    with pytest.raises(ResultError, match=r"cannot be used \(No such file"):
+def test_a_missing_folder_is_stated_with_its_remedy(kept) -> None:
+    remedy = re.escape(f"make {kept.folder / 'none'} first, in Python with vsr2.results.prepare_f")
+    with pytest.raises(ResultError, match=rf"cannot be used \(No such file .*{remedy}"):
         kept.kind(kept.folder / "none")
 
 

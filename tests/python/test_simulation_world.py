@@ -19,7 +19,7 @@ from vsr2.results import EngineKind, HandOver
 from vsr2.scene import build_scene
 from vsr2.simulation import Simulation, run_batch, study_trials
 from vsr2.simulation.native_trials import _settled_start, _specification
-from world_samples import pair_values, study
+from world_samples import study
 
 RECORD = Path(__file__).resolve().parents[2] / "configs" / "motions" / "synthetic_07.csv"
 
@@ -172,7 +172,7 @@ def test_settling_has_a_timeout() -> None:
 
 
 def test_table_s1_follows_from_the_body_level_inputs() -> None:
-    pair = pair_values(Contact(**ORIGINAL["contact"]))
+    pair = Contact(**ORIGINAL["contact"]).pair
     assert round(pair.restitution, 2) == 0.12
     assert round(pair.lateral_friction, 2) == 0.49
     assert round(pair.spinning_friction, 2) == 0.70
@@ -187,7 +187,7 @@ def test_running_contact_carries_the_weight_with_the_pair_values() -> None:
     simulation.step(0.0, steps=2000)
     contacts = simulation.contacts()
     assert len(contacts) == 4
-    pair = pair_values(scene.contact)
+    pair = scene.contact.pair
     logged = {one.vector or one.name for one in _native.contact_columns()} - {"time"}
     assert set(contacts[0]) == logged | set(type(scene.contact.rock).model_fields)
     for point in contacts:

@@ -1,9 +1,8 @@
-"""The study of a block that several tests of worlds step, and its contact."""
+"""The study of a block that several tests of worlds step."""
 
 from __future__ import annotations
 
-from vsr2 import _native
-from vsr2.config.study import Contact, Study
+from vsr2.config.study import Study
 
 
 def study(**sections: object) -> Study:
@@ -14,11 +13,3 @@ def study(**sections: object) -> Study:
             **sections,
         }
     )
-
-
-def pair_values(contact: Contact) -> _native.ContactValues:
-    """Values in force between rock and pedestal (supplement Eq. 1; Eq. 2 where both are equal)."""
-    rock, pedestal = (
-        _native.ContactValues(**one.model_dump()) for one in (contact.rock, contact.pedestal)
-    )
-    return _native.combine(a=rock, b=pedestal)

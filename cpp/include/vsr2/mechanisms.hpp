@@ -43,8 +43,7 @@ struct Mechanisms {
 
   /// Static friction relative to kinetic friction [1], 1: one value. The coefficient of a contact is
   /// mu = mu_k (1 + (friction_ratio - 1) exp(-|v| / friction_speed)), v its speed of slip before the
-  /// step and mu_k the materials' coefficient. The engine `fast` takes the mean of its contacts'
-  /// coefficients for all of them: the same but for a rock that slides and spins at once.
+  /// step and mu_k the materials' coefficient.
   double friction_ratio = 1.0;
   double friction_speed = 0.01;  ///< [m/s]
 

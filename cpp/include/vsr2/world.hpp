@@ -1,7 +1,6 @@
 #pragma once
 // A world: one rock on one driven pedestal, advanced step by step.
 
-#include <array>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -76,17 +75,8 @@ struct ContactPoint {
   ContactValues pair;  ///< that the solver used
 };
 
-/// What a rock stands on: the contacts by which the flat top of a pedestal presses on it.
-struct Foothold {
-  int count = 0;  ///< at most 4
-  std::array<Eigen::Vector3d, 4> r_T;  ///< from the mass centre, along axes T, z the top's normal [m]
-  Eigen::Matrix3d R_WT;
-  double friction = 0.0;   ///< least coefficient at rest [1]
-  double stiffness = 0.0;  ///< of each contact [N/m]
-  double damping = 0.0;    ///< of each contact [N s/m]
-  double mass = 0.0;       ///< of the rock [kg]
-  Eigen::Matrix3d inertia_T;  ///< about its mass centre [kg m^2]
-};
+/// What a rock stands on; within the core only.
+struct Foothold;
 
 /// Why a world of the engine `fast` went on with Bullet.
 enum class Handover {
@@ -125,7 +115,7 @@ class World {
   // What the engine `fast` can besides, as long as Bullet has not taken over.
 
   /// None where it is not known: where the world cannot carry(), or the rock is in the air.
-  virtual std::optional<Foothold> foothold() const { return std::nullopt; }
+  virtual std::optional<Foothold> foothold() const;
   /// Moves pedestal and rock as one body to set-point `to`, as if the time step before had led there
   /// from `from`, without turning. @throws InvalidInput where there is no foothold.
   virtual void carry(const DriveTarget& from, const DriveTarget& to);

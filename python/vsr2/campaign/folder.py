@@ -29,6 +29,7 @@ from vsr2.campaign.trials_table import MOTIONS, TRIALS, read_trials
 from vsr2.config.bounded import near_path
 from vsr2.errors import CampaignError, GeometryError
 from vsr2.motion import Record
+from vsr2.one_line import counted
 from vsr2.results import is_result
 from vsr2.scene.mesh import load_mesh
 
@@ -47,7 +48,7 @@ def load_campaign(folder: str | os.PathLike[str]) -> Campaign:
     campaign = _read(Path(folder), problems)
     if campaign is None:
         raise CampaignError(problems.listed(os.fspath(folder)))
-    _logger.debug("%s: campaign of %d trials read", os.fspath(folder), len(campaign))
+    _logger.debug("%s: campaign of %s read", os.fspath(folder), counted(len(campaign), "trial"))
     return campaign
 
 

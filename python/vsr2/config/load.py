@@ -17,6 +17,7 @@ from vsr2.config.section import Section
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath, dump_yaml, nearest_above, parse_yaml, read_yaml
 from vsr2.errors import ConfigError
+from vsr2.one_line import counted
 
 S = TypeVar("S", bound=Section)
 
@@ -46,7 +47,7 @@ def load_study(
         raise ConfigError(f"overrides is the text {overrides!r}; give a list, as [{overrides!r}]")
     document = read_yaml(path)
     replaced = {apply_override(document.data, override): override for override in overrides}
-    _logger.debug("%s: read; %d settings replaced", label, len(overrides))
+    _logger.debug("%s: read; %s replaced", label, counted(len(overrides), "setting"))
     place = locator(label, document.lines, replaced)
     base = from_here(label).parent
     return build_study(document.data, base, label=label, place=place, check_files=check_files)

@@ -279,6 +279,11 @@ class Material(Section):
     damping: Annotated[float, of.SUPPLEMENT_CONTACT] = _of_core("damping")
     """Contact damping, per contact point [N s/m]."""
 
+    @property
+    def values(self) -> _native.ContactValues:
+        """As the core takes them."""
+        return _native.ContactValues(**self.model_dump())
+
 
 class Contact(Section):
     """The contact between rock and pedestal, as inputs of each body (supplement S2.1)."""
@@ -287,6 +292,11 @@ class Contact(Section):
     """The rock's material."""
     pedestal: Material = Material()
     """The pedestal's material."""
+
+    @property
+    def pair(self) -> _native.ContactValues:
+        """In force between the two (supplement Eq. 1)."""
+        return _native.combine(a=self.rock.values, b=self.pedestal.values)
 
 
 class Settling(Section):

@@ -46,6 +46,7 @@ from vsr2.diagnosis.verdict.rules import Verdict, verdict_of
 from vsr2.diagnosis.verdict.statements import BudgetState
 from vsr2.diagnosis.where.locations import where_it_lies
 from vsr2.errors import DiagnosisError
+from vsr2.one_line import counted
 
 _logger = logging.getLogger(__name__)
 
@@ -348,7 +349,7 @@ class _Work:
         share, left_s = self.schedule.progress(done, trials)
         found, posterior = (None, None) if leading is None else leading
         self.notify(Stage.SIMULATION, share, found, posterior, left_s)
-        _logger.debug("%d campaigns after %.0f s", done, budget)
+        _logger.debug("%s after %.0f s", counted(done, "campaign"), budget)
 
     def _known(self, campaigns: int | None, trials: int) -> Posterior | None:
         """What an earlier diagnosis learnt from so many campaigns of so many trials."""

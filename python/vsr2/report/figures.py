@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 
 from vsr2.analysis import Tracking, tracking
 from vsr2.errors import ResultError
-from vsr2.report.messages.templates import counted
+from vsr2.one_line import counted
 from vsr2.report.panels import legend_below, scale_where_wide, sheet
 from vsr2.report.text import printable
 from vsr2.results import OUTCOMES, BatchResult, Outcome, TrialLog

@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
 from vsr2.fragility.settings import MEASURE_LABELS, MEASURES
+from vsr2.one_line import counted
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
 from vsr2.report.messages.runs import fit_caveats, fit_note
 from vsr2.report.pages import render
@@ -308,7 +309,7 @@ def fragility_page(result: FragilityResult, figures: dict[str, str]) -> str:
     study = result.provenance.get("study") or {}
     return render(
         "fragility.md",
-        {"counted": lambda count, name: f"{count} {name}{'s' * (count > 1)}"},
+        {"counted": counted},
         settings=result.settings,
         trials=len(result.planned),
         motions=len(set(result.motion.tolist())),

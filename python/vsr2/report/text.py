@@ -8,6 +8,7 @@ from typing import Any
 
 import numpy as np
 
+from vsr2.one_line import counted
 from vsr2.report.messages.runs import (
     INTERRUPTED_TRIALS,
     STATUS_MEANING,
@@ -16,7 +17,6 @@ from vsr2.report.messages.runs import (
     time_spent,
     trial_end,
 )
-from vsr2.report.messages.templates import counted
 from vsr2.results import OUTCOMES, STATUSES, BatchResult
 
 MAX_FAILURES = 10

@@ -77,9 +77,10 @@ class Store:
                 os.close(self._file)
                 raise
         except OSError as error:
-            raise ResultError(
-                f"{path}: cannot be used ({error.strerror}); free space or choose another folder"
-            ) from error
+            remedy = "free space or choose another folder"
+            if isinstance(error, FileNotFoundError):
+                remedy = f"make {path.parent} first, in Python with vsr2.results.prepare_folder"
+            raise ResultError(f"{path}: cannot be used ({error.strerror}); {remedy}") from error
 
     def add(self, *records: dict[str, Any]) -> None:
         """Append records, by one write.

@@ -141,20 +141,19 @@ def _refuse_larger_than_top(body: RockBody, pedestal: PedestalBody) -> None:
 def contact_notes(body: RockBody, contact: Contact, engine: Engine) -> list[Statement]:
     """Says how deep a soft contact lets the rock sink at rest, and whether impacts may gain energy.
 
-    A pair touches in at most four points, each a spring of the pair's stiffness k, the two bodies'
-    in series: the depth is at least m g / (4 k).
+    A pair touches in at most four points, each a spring of the pair's stiffness k: the depth is at
+    least m g / (4 k).
 
     An impact at speed u penetrates by at most u dt before a step notices it. That step rebounds by
     e u and undoes erp of the penetration, erp = dt k / (dt k + c): the rock leaves at (e + erp) u
     at most (docs/explanation/contact_model.md).
     """
-    rock, pedestal = contact.rock, contact.pedestal
-    stiffness = 1.0 / (1.0 / rock.stiffness + 1.0 / pedestal.stiffness)
+    pair = contact.pair
+    restitution, stiffness, damping = pair.restitution, pair.stiffness, pair.damping
     out = []
     depth = body.mass.mass * engine.gravity / (CONTACT_POINTS * stiffness)
     if depth > NOTES.deep_start:
         out.append(Statement.of(SceneNote.SOFT_CONTACT, depth=depth, stiffness=stiffness))
-    restitution, damping = rock.restitution * pedestal.restitution, rock.damping + pedestal.damping
     step = engine.time_step / engine.substeps
     undone = step * stiffness / (step * stiffness + damping)
     if restitution > 0 and restitution + undone > 1:

@@ -26,6 +26,7 @@ from vsr2 import _native
 from vsr2.argument_names import checked_names
 from vsr2.config import Study, load_study
 from vsr2.errors import SimulationError
+from vsr2.one_line import counted
 from vsr2.results import (
     FLOAT_COLUMNS,
     INTEGER_COLUMNS,
@@ -216,7 +217,8 @@ def _log_begin(trials: Sequence[Trial], pending: int) -> None:
     if _logger.isEnabledFor(logging.INFO):
         engines = " and ".join(sorted({native_scene(one.scene).engine.name for one in trials}))
         done = len(trials) - pending
-        _logger.info("%d trials, engine %s; %d are in the journal", len(trials), engines, done)
+        batch = counted(len(trials), "trial")
+        _logger.info("%s, engine %s; %d of them in the journal", batch, engines, done)
 
 
 class _Collection:
@@ -260,7 +262,7 @@ class _Collection:
         self._journal, folder = journal, self._folder
         lost = int((self._noted == _LOST).sum())
         if lost:
-            _logger.warning("%s: %d finished trials are run again: log lost", folder, lost)
+            _logger.warning("%s: run again, log lost: %s", folder, counted(lost, "finished trial"))
         for i in np.flatnonzero(self._noted == _COMPLETE).tolist() if self._out else ():
             logged = "state" in self._out and self._trials[i].output.log_every > 0
             _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)

@@ -13,7 +13,7 @@ from weakref import WeakKeyDictionary
 import numpy as np
 
 from vsr2 import _native
-from vsr2.config.study import Engine, Material
+from vsr2.config.study import Engine
 from vsr2.errors import Fault, SimulationError
 from vsr2.scene import Box, Hull, Scene, Triangles
 
@@ -65,7 +65,7 @@ def _built(scene: Scene) -> _native.Scene:
                 mass=pedestal.mass,
                 base_size=np.asarray(pedestal.base_size, dtype=np.float64),
                 top=pedestal.top,
-                material=_native_material(contact.pedestal),
+                material=contact.pedestal.values,
                 pitch_pivot=scene.pitch_pivot,
                 pitch_spring=None if spring is None else _native.PitchSpring(**asdict(spring)),
             ),
@@ -76,7 +76,7 @@ def _built(scene: Scene) -> _native.Scene:
                 inertia_from_aabb=rock.inertia_from_aabb,
                 mass_center=np.asarray(frame.position),
                 principal_axes=np.asarray(frame.orientation),
-                material=_native_material(contact.rock),
+                material=contact.rock.values,
             ),
             mechanisms=_native.Mechanisms(**asdict(scene.mechanisms)),
         )
@@ -97,10 +97,6 @@ def refusals(what: str) -> Iterator[None]:
         yield
     except _native.InvalidInput as error:
         raise SimulationError(f"{what}: {error}", fault=Fault(vars(error)["fault"])) from error
-
-
-def _native_material(material: Material) -> _native.ContactValues:
-    return _native.ContactValues(**material.model_dump())
 
 
 def _box(part: Box) -> _native.BoxPart:

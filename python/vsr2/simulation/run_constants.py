@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from vsr2 import _native
 from vsr2.effects.actuation import ACTUATION
 from vsr2.effects.mechanism import CATCH
 from vsr2.effects.order import ORDER
@@ -25,7 +26,10 @@ from vsr2.scene.urdf import URDF
 
 
 def run_constants() -> dict[str, dict[str, Any]]:
-    """Tuned numbers of scenes, motions and effects, by what they are of."""
+    """Tuned numbers of scenes, motions and effects, by what they are of; `core`: the native core's.
+
+    `cpp/include/vsr2/constants.hpp` says what each of the core is, its unit and its source.
+    """
     return {
         "mesh_repair": asdict(REPAIR),
         "urdf": asdict(URDF),
@@ -44,4 +48,5 @@ def run_constants() -> dict[str, dict[str, Any]]:
         "rounding": asdict(ROUNDING),
         "standing": asdict(STANDING),
         "support": asdict(SUPPORT),
+        "core": _native.core_constants(),
     }

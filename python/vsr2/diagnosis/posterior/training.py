@@ -29,6 +29,7 @@ from vsr2.diagnosis.simulated.campaigns import Campaigns
 from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
 from vsr2.diagnosis.simulated.library import Library
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
+from vsr2.one_line import counted
 
 _logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
@@ -224,7 +225,7 @@ def train(
     levels = calibrate(
         logs, truth, (fit_probability(misfits[-1], gap_free_misfits), np.array(fits))
     )
-    _logger.info("trained on %d campaigns: %s", len(campaigns), levels)
+    _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
     disturbed_plain = np.concatenate([one[plain] for one in residuals[1:]])
     return Posterior(
         sets, standard, summaries, scaled.centre, scaled.scale, networks, levels,

@@ -17,6 +17,7 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.simulated.simulator import Request, Responses, Simulator
 from vsr2.effects.own_code import own_code
 from vsr2.errors import ResultError
+from vsr2.one_line import counted
 from vsr2.results.store import Store, StoreKind, is_number, odd_value
 
 _logger = logging.getLogger(__name__)
@@ -143,7 +144,7 @@ class SimulationCache:
         first = {keys[i]: i for i in reversed(missing)}
         pending = sorted(first.values())
         self._asked.update(keys)
-        _logger.debug("%d of %d simulations are to be run", len(pending), len(set(keys)))
+        _logger.debug("to be run: %d of %s", len(pending), counted(len(set(keys)), "simulation"))
         for start in range(0, len(pending), self._chunk):
             part = pending[start : start + self._chunk]
             started = time.monotonic()

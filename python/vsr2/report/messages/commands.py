@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 from vsr2._native import FastRefusal
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.diagnosis.iteration import Ended
+from vsr2.one_line import counted
 from vsr2.report.messages.agreement import FITTED, IDENTIFIABILITY
 from vsr2.report.messages.data import scene_note
 from vsr2.report.messages.runs import compatible_values
-from vsr2.report.messages.templates import check_worded, counted
+from vsr2.report.messages.templates import check_worded
 from vsr2.report.messages.verdicts import shown
 from vsr2.scene.notes import WARNINGS
 from vsr2.simulation.native_scenes import FAST_REFUSALS

@@ -7,7 +7,8 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsr2.report.messages.templates import check_worded, counted, filled_in, written
+from vsr2.one_line import counted
+from vsr2.report.messages.templates import check_worded, filled_in, written
 from vsr2.scene import SceneNote
 from vsr2.scene.notes import WARNINGS
 

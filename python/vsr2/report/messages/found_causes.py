@@ -7,8 +7,9 @@ from typing import TYPE_CHECKING, Any
 
 from vsr2.diagnosis.how_far.held_out import Loss
 from vsr2.diagnosis.margins.cause_space import NotJudged
+from vsr2.one_line import counted
 from vsr2.report.messages.commands import table
-from vsr2.report.messages.templates import check_worded, counted
+from vsr2.report.messages.templates import check_worded
 
 if TYPE_CHECKING:
     from vsr2.diagnosis import Causes

@@ -6,7 +6,8 @@ from typing import TYPE_CHECKING
 
 from vsr2.diagnosis.coverage.coverage_scores import LEVELS
 from vsr2.diagnosis.posterior.calibration import CALIBRATED
-from vsr2.report.messages.templates import counted, written
+from vsr2.one_line import counted
+from vsr2.report.messages.templates import written
 
 if TYPE_CHECKING:
     from vsr2.analysis.intervals import Score

@@ -5,7 +5,8 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
-from vsr2.report.messages.templates import check_worded, counted
+from vsr2.one_line import counted
+from vsr2.report.messages.templates import check_worded
 from vsr2.results import STATUSES, HandOver, Status
 
 if TYPE_CHECKING:

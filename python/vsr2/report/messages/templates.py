@@ -30,11 +30,6 @@ def check_worded(codes: Iterable[object], sentences: Mapping[Any, str], where: s
         )
 
 
-def counted(number: int, what: str) -> str:
-    """A number with its noun: 1 trial, 2 trials."""
-    return f"{number} {what}{'' if number == 1 else 's'}"
-
-
 def written(value: float, form: str) -> str:
     """A number in a form of `format`; a blank stands before the sign of per cent."""
     return format(value, form).replace("%", " %")
