@@ -288,8 +288,8 @@ SHOWN_BY_NAME = {
 ELSEWHERE = {"Code", "FitNote", "NoBaselines", "Status"}
 """The base of all codes, and enumerations whose sentences other tests of this module check."""
 
-NEVER_SHOWN = {"MarginStream", "NoiseStream", "PackStream", "Stream", "_State"}
-"""Numbers of random streams, and what a search is at."""
+NEVER_SHOWN = {"MarginLevel", "MarginStream", "NoiseStream", "PackStream", "Stream", "_State"}
+"""Numbers of random streams and of levels, and what a search is at."""
 
 
 def test_every_enumeration_is_worded_or_shown_by_name() -> None:

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.margins.margin_kernel import MarginKernel, fit_kernel, parts
-from vsr2.diagnosis.margins.margin_levels import Level, MarginLevels, margin_levels
+from vsr2.diagnosis.margins.margin_kernel import MarginKernel, fit_kernel, level_numbers
+from vsr2.diagnosis.margins.margin_levels import MarginLevel, MarginLevels, margin_levels
 from vsr2.diagnosis.margins.trial_groups import Rows, TrialGroups
 
 Array = NDArray[np.float64]
@@ -74,7 +74,7 @@ class MarginEmulator:
     kernel: MarginKernel
     levels: MarginLevels
     features: Array
-    processes: dict[Level, LevelProcess]
+    processes: dict[MarginLevel, LevelProcess]
     coefficients: Array
     errors: Array
     expected: Array
@@ -92,7 +92,7 @@ class MarginEmulator:
         """
         weighted = features * self.kernel.weights
         crossed = self.kernel(weighted @ (self.features * self.kernel.weights).T)
-        common, by_motion, by_trial = (self._variance(level, weighted) for level in Level)
+        common, by_motion, by_trial = (self._variance(level, weighted) for level in MarginLevel)
         mean = self.levels.centre + crossed @ self.coefficients
         return mean + (np.sqrt(common) * error)[:, None], by_motion, by_trial
 
@@ -111,7 +111,7 @@ class MarginEmulator:
             found["error_over_expected"] = float(np.sqrt((over**2).mean()))
         return found | {"noise": float(np.sqrt((self.kernel.noise**2).sum()))}
 
-    def _variance(self, level: Level, weighted: Array) -> Array:
+    def _variance(self, level: MarginLevel, weighted: Array) -> Array:
         if level not in self.processes:
             return np.zeros(len(weighted))
         return self.processes[level].variance(weighted)
@@ -146,21 +146,21 @@ def emulator_of(kernel: MarginKernel, features: Array, levels: MarginLevels) -> 
     scenes = kernel(weighted @ weighted.T)
     asked = levels.groups.asked[levels.group]
     coefficients, errors, variances = np.zeros((3, *asked.shape))
-    processes: dict[Level, LevelProcess] = {}
-    for part in parts(levels):
+    processes: dict[MarginLevel, LevelProcess] = {}
+    for part in level_numbers(levels):
         rows, level = part.rows, part.level
         covariance = part.covariance(scenes[np.ix_(rows, rows)], kernel.shares, kernel.noise)
         inverse = np.asarray(np.linalg.inv(covariance), dtype=np.float64)
         solved, left = inverse @ part.numbers, np.diag(inverse)[:, None]
         share, noise = float(kernel.shares[level]), float(kernel.noise[level] ** 2)
-        stretch = max(1.0, float((solved**2 / left).mean())) if level == Level.ALL else 1.0
+        stretch = max(1.0, float((solved**2 / left).mean())) if level == MarginLevel.ALL else 1.0
         process = LevelProcess(kernel, share, noise, weighted[rows], inverse, stretch)
         processes.setdefault(level, process)
         own = np.ix_(rows, part.trials)
         solved = solved[:, part.numbers_of]
         coefficients[own] += share * solved
-        if level == Level.MOTION and Level.TRIAL in part.kernel:
-            share = float(kernel.shares[Level.TRIAL])
+        if level == MarginLevel.MOTION and MarginLevel.TRIAL in part.kernel:
+            share = float(kernel.shares[MarginLevel.TRIAL])
             coefficients[own] += share / levels.asked_of_a_motion * asked[own] * solved
         errors[own] += solved / left
         variances[own] += part.seen * stretch / left

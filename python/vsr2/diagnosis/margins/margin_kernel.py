@@ -16,7 +16,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.margins.margin_levels import Level, MarginLevels
+from vsr2.diagnosis.margins.margin_levels import MarginLevel, MarginLevels
 from vsr2.diagnosis.margins.trial_groups import Rows
 
 Array = NDArray[np.float64]
@@ -74,8 +74,8 @@ class MarginKernel:
 
 
 @dataclass(frozen=True, eq=False)
-class Part:
-    """Numbers of scenes that are told apart by one covariance.
+class LevelNumbers:
+    """Numbers of scenes that have one covariance.
 
     Attributes:
         level: that they are of.
@@ -90,14 +90,14 @@ class Part:
             trials is taken off them, shape (t,).
     """
 
-    level: Level
+    level: MarginLevel
     rows: Rows
     numbers: Array
     trials: Rows
     numbers_of: Rows
     count: int
-    kernel: Mapping[Level, Array | float]
-    diagonal: Mapping[Level, float]
+    kernel: Mapping[MarginLevel, Array | float]
+    diagonal: Mapping[MarginLevel, float]
     seen: Array | float = 1.0
 
     @cached_property
@@ -118,7 +118,7 @@ class Part:
         return np.asarray(weight * kernel + noises * np.eye(len(kernel)))
 
 
-def parts(levels: MarginLevels) -> Iterator[Part]:
+def level_numbers(levels: MarginLevels) -> Iterator[LevelNumbers]:
     """Of margins, by level; levels that they do not tell are left out.
 
     The mean over the trials of a motion holds a part of what its trials add, which is common to
@@ -129,25 +129,25 @@ def parts(levels: MarginLevels) -> Iterator[Part]:
     trials = np.arange(motion.size)
     by_trial = [one for one in levels.by_trial if one.free and one.scenes.size]
     if motions:
-        yield Part(
-            Level.ALL, rows, levels.common[:, None], trials, np.zeros_like(trials), count=1,
-            kernel={Level.ALL: 1.0}, diagonal={Level.ALL: 1.0},
+        yield LevelNumbers(
+            MarginLevel.ALL, rows, levels.common[:, None], trials, np.zeros_like(trials), count=1,
+            kernel={MarginLevel.ALL: 1.0}, diagonal={MarginLevel.ALL: 1.0},
         )  # fmt: skip
     if motions > 1:
-        kernel: dict[Level, Array | float] = {Level.MOTION: 1.0}
-        diagonal = {Level.MOTION: 1.0}
+        kernel: dict[MarginLevel, Array | float] = {MarginLevel.MOTION: 1.0}
+        diagonal = {MarginLevel.MOTION: 1.0}
         if by_trial:
-            kernel[Level.TRIAL] = levels.same_group / levels.asked_of_a_motion
-            diagonal[Level.TRIAL] = 1 / levels.asked_of_a_motion
-        yield Part(
-            Level.MOTION, rows, levels.by_motion, trials, motion, count=motions - 1,
+            kernel[MarginLevel.TRIAL] = levels.same_group / levels.asked_of_a_motion
+            diagonal[MarginLevel.TRIAL] = 1 / levels.asked_of_a_motion
+        yield LevelNumbers(
+            MarginLevel.MOTION, rows, levels.by_motion, trials, motion, count=motions - 1,
             kernel=kernel, diagonal=diagonal,
         )  # fmt: skip
     for one in by_trial:
         of_motion = motion[one.trials]
-        yield Part(
-            Level.TRIAL, one.scenes, one.deviations, one.trials, np.arange(one.trials.size),
-            count=one.free, kernel={Level.TRIAL: 1.0}, diagonal={Level.TRIAL: 1.0},
+        yield LevelNumbers(
+            MarginLevel.TRIAL, one.scenes, one.deviations, one.trials, np.arange(one.trials.size),
+            count=one.free, kernel={MarginLevel.TRIAL: 1.0}, diagonal={MarginLevel.TRIAL: 1.0},
             seen=1 - 1 / np.bincount(of_motion)[of_motion],
         )  # fmt: skip
 
@@ -161,7 +161,7 @@ def fit_kernel(features: Array, levels: MarginLevels) -> MarginKernel:
     """
     from scipy.optimize import minimize
 
-    loss = KernelLoss(features, tuple(parts(levels)))
+    loss = KernelLoss(features, tuple(level_numbers(levels)))
     found = minimize(
         loss, loss.start(), jac=True, method="L-BFGS-B", bounds=loss.ends(),
         options={"maxiter": KERNEL.steps},
@@ -174,7 +174,7 @@ class KernelLoss:
     """Negative logarithm of the evidence and of the prior.
 
     Its arguments are logarithms: of weights, product and constant, of the shares of the levels that
-    are told over that of the last one, and of the noise of each of these.
+    they have over that of the last one, and of the noise of each of these.
 
     Attributes:
         features: of the scenes, shape (scenes, features).
@@ -182,36 +182,36 @@ class KernelLoss:
     """
 
     features: Array
-    parts: tuple[Part, ...]
+    parts: tuple[LevelNumbers, ...]
 
     @cached_property
-    def told(self) -> list[Level]:
-        """Levels that the margins tell."""
+    def held(self) -> list[MarginLevel]:
+        """Levels that the margins have."""
         return sorted({one.level for one in self.parts})
 
     def start(self) -> Array:
         """Where the fit begins."""
         log = np.log(KERNEL.start)
-        features, told = self.features.shape[1], len(self.told)
-        shares = np.zeros(max(told - 1, 0))
-        return np.concatenate([np.full(features, log), [0.0, log], shares, np.full(told, log)])
+        features, levels = self.features.shape[1], len(self.held)
+        shares = np.zeros(max(levels - 1, 0))
+        return np.concatenate([np.full(features, log), [0.0, log], shares, np.full(levels, log)])
 
     def ends(self) -> list[tuple[float, float]]:
         """Of the arguments."""
-        told = len(self.told)
+        levels = len(self.held)
         return [
             *[KERNEL.weights] * self.features.shape[1], KERNEL.products, KERNEL.constants,
-            *[KERNEL.shares] * max(told - 1, 0), *[KERNEL.noises] * told,
+            *[KERNEL.shares] * max(levels - 1, 0), *[KERNEL.noises] * levels,
         ]  # fmt: skip
 
     def kernel(self, logs: Array) -> MarginKernel:
         """That arguments stand for."""
-        count, told = self.features.shape[1], len(self.told)
+        count, levels = self.features.shape[1], len(self.held)
         product, constant = np.exp(logs[count : count + 2])
-        shares, noise = np.zeros(len(Level)), np.zeros(len(Level))
-        if told:
-            over = np.exp(np.r_[logs[count + 2 : count + 1 + told], 0.0])
-            shares[self.told], noise[self.told] = over / over.sum(), np.exp(logs[-told:])
+        shares, noise = np.zeros(len(MarginLevel)), np.zeros(len(MarginLevel))
+        if levels:
+            over = np.exp(np.r_[logs[count + 2 : count + 1 + levels], 0.0])
+            shares[self.held], noise[self.held] = over / over.sum(), np.exp(logs[-levels:])
         return MarginKernel(np.exp(logs[:count]), product, constant, shares, noise)
 
     def __call__(self, logs: Array) -> tuple[float, Array]:
@@ -223,7 +223,7 @@ class KernelLoss:
         prior = KERNEL.evidence * kernel.weights / KERNEL.weight
         value = float(prior.sum())
         by_scenes = np.zeros_like(scenes)
-        by_share, by_noise = np.zeros(len(Level)), np.zeros(len(Level))
+        by_share, by_noise = np.zeros(len(MarginLevel)), np.zeros(len(MarginLevel))
         for part in self.parts:
             own = np.ix_(part.rows, part.rows)
             covariance = part.covariance(scenes[own], kernel.shares, kernel.noise)
@@ -251,8 +251,8 @@ class KernelLoss:
                     kernel.product * (by_scenes * products**2).sum(),
                     2 * kernel.constant**2 * by_scenes.sum(),
                 ],
-                by_share[self.told][:-1],
-                2 * kernel.noise[self.told] ** 2 * by_noise[self.told],
+                by_share[self.held][:-1],
+                2 * kernel.noise[self.held] ** 2 * by_noise[self.held],
             ]
         )
         return value, gradient

@@ -17,7 +17,7 @@ from vsr2.diagnosis.margins.trial_groups import Rows, TrialGroups
 Array = NDArray[np.float64]
 
 
-class Level(IntEnum):
+class MarginLevel(IntEnum):
     """What margins have in common."""
 
     ALL = 0

@@ -21,7 +21,7 @@ class GroupConstants:
 
     Attributes:
         asked: trials of a motion that a scene is asked for, of a motion as long as the median one:
-            with two, what a trial adds is told from what its motion adds.
+            with two, what a trial adds parts from what its motion adds.
         most: groups.
     """
 
