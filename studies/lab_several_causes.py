@@ -7,7 +7,7 @@ Does what `vsr2 campaign causes` does, with all effects but `base_slope` (ten ti
 others on this specimen, and in one class with `com_offset`) and one contact model (correct ones
 differ by less than what is drawn here, and cost twice the time). No list of causes is written by
 hand. A run that was interrupted is continued. Writes to OUT what the verb writes, and to
-OUT/committed what may be committed: causes.json and causes.csv.
+OUT/committed what may be committed: causes.json, causes.csv and the figure.
 """
 
 from __future__ import annotations
@@ -17,8 +17,9 @@ import shutil
 from pathlib import Path
 
 from vsr2.diagnosis import Execution, Hypotheses, find_causes
-from vsr2.diagnosis.causes import CAUSES_FILE, TABLE_FILE
+from vsr2.diagnosis.causes import CAUSES_FILE, FIGURE, TABLE_FILE
 from vsr2.diagnosis.margins.simulated_scenes import SCENES
+from vsr2.report.causes_figure import write_causes_figure
 from vsr2.report.messages.found_causes import causes_text
 from vsr2.report.messages.progress_lines import ProgressLines
 
@@ -45,9 +46,10 @@ def main() -> None:
         seed=options.seed,
     )
     print(causes_text(found))
+    write_causes_figure(found, options.out)
     folder = options.out / "committed"
     folder.mkdir(exist_ok=True)
-    for name in (CAUSES_FILE, TABLE_FILE):
+    for name in (CAUSES_FILE, TABLE_FILE, FIGURE):
         shutil.copy(options.out / name, folder / name)
 
 
