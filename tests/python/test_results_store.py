@@ -15,6 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+from vsr2 import _native
 from vsr2.calibration import Evaluation, EvaluationStore
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.simulator import Request, Responses
@@ -53,6 +54,18 @@ class Journalled:
 
     def held(self):
         return {i: row["peak_tilt"] for i, row in self.open.finished.items()}
+
+
+@pytest.mark.parametrize("name", FLOAT_COLUMNS)
+def test_a_trial_that_ended_lacks_numbers_that_the_core_may_leave_out_alone(name, tmp_path) -> None:
+    with Journal(tmp_path, "plan", 1) as journal:
+        journal.record(0, journal_row(0.1) | {name: float("nan")})
+    [column] = [one for one in _native.result_columns() if one.name == name]
+    if column.missing:
+        assert np.isnan(read_journal(tmp_path, "plan", 1)[0][name])
+    else:
+        with pytest.raises(ResultError, match=f"{name} is nan, not a number"):
+            read_journal(tmp_path, "plan", 1)
 
 
 class Evaluated:

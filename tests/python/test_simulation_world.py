@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from vsr2 import _native
-from vsr2.config.study import ORIGINAL, Contact
+from vsr2.config.study import ORIGINAL, Contact, Settling
 from vsr2.errors import SimulationError
 from vsr2.results import EngineKind, HandOver
 from vsr2.scene import build_scene
@@ -58,6 +58,14 @@ def test_the_engine_in_use_is_reported() -> None:
     assert (simulation.engine, simulation.hand_over) == ("fast", "off_the_top")
     assert simulation.engine is EngineKind.fast
     assert simulation.hand_over is HandOver.off_the_top
+
+
+def test_a_simulation_settles_by_the_rule_of_its_study() -> None:
+    strict = study(settling={"timeout": 0.26, "linear_speed": 1e-9})
+    with pytest.raises(SimulationError, match=r"within 0\.26 s"):
+        Simulation(strict).settle()
+    assert Simulation(strict).settle(Settling()) > 0
+    assert Simulation(study()).settle() > 0
 
 
 @pytest.mark.parametrize("mode", ["parity", "exact", "fast"])

@@ -149,6 +149,8 @@ def test_no_array_of_a_value_can_be_written(trial: Trial, duplicate: Copy) -> No
     with pytest.raises(ValueError, match="read-only"):
         result["peak_tilt"][0] = 0.0
     assert not any(column.flags.writeable for column in result.trials.values())
+    with pytest.raises(TypeError, match="read-only"):
+        result.trials["outcome"] = np.zeros(1)
 
 
 def test_an_array_given_to_a_scene_is_not_the_callers() -> None:

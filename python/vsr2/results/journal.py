@@ -22,6 +22,7 @@ from vsr2.results.result import (
     FLOAT_COLUMNS,
     INTEGER_COLUMNS,
     JUDGED,
+    OPEN_COLUMNS,
     OUTCOMES,
     RESULT_COLUMNS,
     STATUSES,
@@ -132,8 +133,8 @@ def _is_measured(name: str, value: object, judged: bool) -> bool:
     """Whether a trial may have this number: NaN stands for what it did not come to."""
     if is_number(value):
         return True
-    open_end = name == "overturning_time" or not judged
-    return open_end and type(value) is float and math.isnan(value)
+    may_lack = name in OPEN_COLUMNS or not judged
+    return may_lack and type(value) is float and math.isnan(value)
 
 
 def read_journal(

@@ -61,6 +61,9 @@ FLOAT_COLUMNS: tuple[str, ...] = tuple(
 )
 """Numbers that the core gives for a trial; NaN where a trial has no such value."""
 
+OPEN_COLUMNS: frozenset[str] = frozenset(name for name, one in _RESULTS.items() if one.missing)
+"""Of these and of texts, those that a trial which ended may lack."""
+
 RESULT_COLUMNS: tuple[str, ...] = tuple(_RESULTS)
 """Columns of `BatchResult.trials` that running a trial fills."""
 
@@ -179,7 +182,7 @@ class BatchResult(OneLine):
         for name, words in WORDS.items():
             columns[name] = _as_members(name, columns[name], words)
         provenance = ReadOnlyDict(self.provenance)
-        self.__setstate__({"trials": columns, "provenance": provenance})
+        self.__setstate__({"trials": ReadOnlyDict(columns), "provenance": provenance})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # numpy forgets in pickles and copies that an array is read-only.

@@ -103,7 +103,7 @@ class Simulation(OneLine):
         spawn: bool = True,
     ) -> None:
         if isinstance(study, Scene):
-            self.scene = study
+            self.scene, self._settling = study, Settling()
             source: DriveMode = "prescribed"
             cosine = False
         elif isinstance(study, Study | str | PathLike):
@@ -115,7 +115,7 @@ class Simulation(OneLine):
                     "of a trial of `study_trials`, in which those on the scene act",
                     key="effects",
                 )
-            self.scene = build_scene(loaded)
+            self.scene, self._settling = build_scene(loaded), loaded.settling
             source = loaded.motion.drive
             cosine = loaded.motion.mode in ("single_cosine", "grid_cosine")
         else:
@@ -324,10 +324,13 @@ class Simulation(OneLine):
     def settle(self, settling: Settling | None = None) -> float:
         """Hold the pedestal until the rock rests, as a trial does; returns the time it took [s].
 
+        Args:
+            settling: when it rests; None: as the study says, for a scene the defaults.
+
         Raises:
             SimulationError: no rock, or not at rest within `settling.timeout`.
         """
-        rule = settling or Settling()
+        rule = settling or self._settling
         if not self.has_rock:
             raise SimulationError("settle: there is no rock; spawn one first")
         steps, rests = self._world.settle(**rule.model_dump())
