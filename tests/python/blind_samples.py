@@ -12,6 +12,7 @@ from vsr2.blind.custodian.design import catalogue, draw_protocol
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.form.seal import KEY_SCHEMA, PACK_SCHEMA, commitment, folder_sha256, write_json
 from vsr2.blind.mujoco import Drawable, GroundMotion, Parameter, Response
+from vsr2.diagnosis.verdict.document import SCHEMA
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
 SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5}
@@ -68,7 +69,7 @@ def diagnosis(kind, probabilities, effects=(), conformal=(), **more):
     for entry in entries:
         entry |= more.get(entry["name"], {})
     return {
-        "schema": "vsr2.diagnosis/7",
+        "schema": SCHEMA,
         "gap": {
             "closure": {"value": more.get("closure"), "ci95": [0.0, 1.0]},
             "headline": {"value": more.get("headline"), "ci95": [0.0, 1.0]},

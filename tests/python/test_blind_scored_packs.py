@@ -23,6 +23,7 @@ from vsr2.blind.scoring.score import (
     SCORING,
     ScoreCode,
 )
+from vsr2.diagnosis.verdict.document import SCHEMA
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.errors import BlindError
 
@@ -237,9 +238,7 @@ def test_scoring_reads_what_a_diagnosis_writes() -> None:
 
 
 def test_a_bare_verdict_is_enough() -> None:
-    verdict = verdict_of(
-        {"schema": "vsr2.diagnosis/7", "verdict": {"kind": "none", "probability": 0.7}}, "x"
-    )
+    verdict = verdict_of({"schema": SCHEMA, "verdict": {"kind": "none", "probability": 0.7}}, "x")
     assert verdict.probabilities == {"none": 0.7}
     assert verdict.closure is None
 

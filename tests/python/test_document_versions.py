@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import hashlib
 import json
+import re
 from collections.abc import Iterator, Sequence
 from enum import Enum
+from pathlib import Path
 from typing import Any, get_args
 
 import pytest
@@ -28,6 +30,8 @@ from vsr2.diagnosis.posterior_check import PosteriorCheck
 from vsr2.diagnosis.verdict.causes_schema import CAUSES_SCHEMA
 from vsr2.diagnosis.verdict.document import SCHEMA
 from vsr2.results.result_folder import FORMAT, FORMAT_VERSION
+
+ROOT = Path(__file__).resolve().parents[2]
 
 
 def words(form: Any) -> Iterator[str]:
@@ -105,7 +109,7 @@ def test_other_words_have_another_version(version: str) -> None:
     found = digest(DOCUMENTS[version])
     assert RECORDED.get(version) == found, (
         f"keys or codes of {version} are not those that this version had: raise the version where "
-        f"it is defined, and record {found} for the new one"
+        f"it is defined, and record the hash that this test then names, now {found}"
     )
 
 
@@ -113,3 +117,11 @@ def test_a_new_code_changes_the_hash() -> None:
     grown = {"properties": {"kind": {"enum": [*VerdictKind, "another"]}}}
     assert digest(grown) != digest({"properties": {"kind": {"enum": [*VerdictKind]}}})
     assert digest([Ended, VerdictKind]) != digest([Ended])
+
+
+@pytest.mark.parametrize("version", DOCUMENTS)
+def test_pages_name_no_other_version_of_a_document(version: str) -> None:
+    name = version.rpartition("/")[0]
+    for page in sorted((ROOT / "docs").rglob("*.md")):
+        stated = re.findall(rf"`{re.escape(name)}/(\d+)`", page.read_text())
+        assert set(stated) <= {version.rpartition("/")[2]}, page

@@ -13,7 +13,6 @@ from vsr2.effects.registry import BUILT_IN
 from vsr2.errors import ConfigError, Fault, SimulationError
 from vsr2.simulation.bench import EffectBench
 from vsr2.trial import Trial
-from world_samples import pair_values
 
 TWICE = [one for one in BUILT_IN if not one.once and one.stage != "outcome"]
 ONCE = [one for one in BUILT_IN if one.once]
@@ -38,7 +37,7 @@ def acted(trial: Trial, one: Effect, *times: Mapping[str, float]) -> Trial:
 def numbers(trial: Trial) -> np.ndarray:
     """What a trial is made of; of the motion the peaks that drive it, which a delay leaves."""
     scene, motion = trial.scene, trial.motion
-    mass, mechanics, contact = scene.rock.mass, scene.mechanisms, pair_values(scene.contact)
+    mass, mechanics, contact = scene.rock.mass, scene.mechanisms, scene.contact.pair
     values = [
         mass.mass, *mass.mass_center, *mass.principal_inertia,
         *trial.start_pose.position, *trial.start_pose.orientation, *scene.pedestal.slope,
