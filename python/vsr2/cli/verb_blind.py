@@ -262,6 +262,7 @@ def score(
     """
     from vsr2.blind import score_pack
     from vsr2.report.blind_page import scores_page, write_scores
+    from vsr2.report.messages.written import wrote
 
     scored = score_pack(
         data, key, diagnoses, out, training=train, tiers=tier or None, say=_progress(quiet)
@@ -269,5 +270,5 @@ def score(
     write_scores(scored, out)
     if not quiet:
         print(scores_page(scored), end="")
-        print(f"wrote {out}")
+        print(wrote(out))
     return 0

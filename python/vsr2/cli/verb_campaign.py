@@ -43,11 +43,12 @@ def import_lab(
     from vsr2.campaign import campaign_summary
     from vsr2.campaign import import_lab as bring
     from vsr2.report.messages.data import campaign_text
+    from vsr2.report.messages.written import wrote
 
     made = bring(source, out, specimen=specimen, overwrite=overwrite)
     if not quiet:
         print(campaign_text(campaign_summary(made)))
-        print(f"wrote {out}")
+        print(wrote(out))
     return 0
 
 
@@ -207,6 +208,7 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
     from vsr2.diagnosis.prediction import WORK_FILES
     from vsr2.report.messages.commands import prediction_table
     from vsr2.report.messages.progress_lines import ProgressLines
+    from vsr2.report.messages.written import wrote
 
     campaign = load_campaign(folder)
     if scene.is_dir() and options.set:
@@ -236,7 +238,7 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
     elif not options.quiet:
         print(prediction_table(found))
         if options.out is not None:
-            print(f"wrote {options.out}")
+            print(wrote(options.out))
     return int(bool(np.isnan(found.outcomes).all(axis=0).any()))
 
 
@@ -291,6 +293,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     from vsr2.report.causes_figure import write_causes_figure
     from vsr2.report.messages.found_causes import causes_text
     from vsr2.report.messages.progress_lines import ProgressLines
+    from vsr2.report.messages.written import wrote
 
     campaign = load_campaign(folder)
     study = opt.scene(scene, options.set)
@@ -323,7 +326,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     elif not options.quiet:
         print(causes_text(found))
         if options.out is not None:
-            print(f"wrote {options.out}")
+            print(wrote(options.out))
     return 0
 
 
@@ -395,6 +398,7 @@ def simulate(
     from vsr2.campaign import campaign_summary, save_campaign, trial_statuses
     from vsr2.campaign.save import prepare_destination
     from vsr2.report.messages.data import campaign_text
+    from vsr2.report.messages.written import wrote
     from vsr2.results import Status, remove_result
 
     if options.session_size is not None and options.session_size < 1:
@@ -413,7 +417,7 @@ def simulate(
         remove_result(checkpoint)
     if not options.quiet:
         print(campaign_text(campaign_summary(campaign)))
-        print(f"wrote {out}")
+        print(wrote(out))
     if interrupted:
         return 130
     return 0 if set(trial_statuses(campaign).values()) <= {Status.ok} else 1

@@ -87,6 +87,7 @@ def import_ros2(
     from vsr2.config import dump_study
     from vsr2.config import import_ros2 as read
     from vsr2.report.messages.ros2_import import import_text
+    from vsr2.report.messages.written import wrote
     from vsr2.results.atomic import write_text
 
     imported = read(files)
@@ -96,7 +97,7 @@ def import_ros2(
     else:
         write_text(target_file(out, overwrite=overwrite), text)
         if not quiet:
-            print(f"wrote {out}")
+            print(wrote(out))
     if not quiet:
         print(import_text(imported), file=sys.stderr)
     return 0

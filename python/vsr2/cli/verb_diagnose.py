@@ -118,6 +118,7 @@ def diagnose(
     from vsr2.diagnosis.verdict.document import PAGE_FILE
     from vsr2.report.diagnosis_page import format_diagnosis
     from vsr2.report.messages.commands import iteration_table
+    from vsr2.report.messages.written import wrote
 
     if effort.check is not None:
         return _check(campaign, scene, out, question, effort)
@@ -155,7 +156,7 @@ def diagnose(
             said, path = format_diagnosis(found), out / PAGE_FILE
     if not effort.quiet:
         print(said)
-        print(f"wrote {path}")
+        print(wrote(path))
     return 0
 
 
@@ -190,6 +191,7 @@ def _check(
     """Planted campaigns against the posterior of a finished diagnosis."""
     from vsr2.diagnosis import check_posterior
     from vsr2.report.messages.posterior_checks import check_sentences
+    from vsr2.report.messages.written import wrote
     from vsr2.report.posterior_check_figure import write_check_figure
 
     if effort.iterate:
@@ -209,7 +211,7 @@ def _check(
     path = write_check_figure(found, out)
     if not effort.quiet:
         print(check_sentences(found))
-        print(f"wrote {path}")
+        print(wrote(path))
     return 0
 
 

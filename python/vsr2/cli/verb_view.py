@@ -32,12 +32,13 @@ def view(
         out: write a self-contained page into this .html file
     """
     from vsr2.report.messages.commands import replay_at
+    from vsr2.report.messages.written import wrote
     from vsr2.view import ReplayServer, write_page
 
     if out is not None:
         page = write_page(result, target_file(out, overwrite=overwrite), trial=trial)
         if not quiet:
-            print(f"wrote {page}")
+            print(wrote(page))
         return 0
     with ReplayServer(result, trial=trial, host=host, port=port) as server:
         print(replay_at(server.url), flush=True)
