@@ -69,7 +69,7 @@ def _missing(
 
 def _meant(of: Callable[..., Any], name: str, known: list[str]) -> str:
     gone = getattr(of, name, None)
-    if isinstance(gone, Renamed) and gone.now.split()[0] in known:
+    if isinstance(gone, Renamed) and gone.name in known:
         return f"is gone; use {gone.now}"
     near = nearest(name, known)
     hint = f"did you mean `{near}`?" if near else f"known are {', '.join(known)}"

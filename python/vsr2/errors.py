@@ -28,11 +28,13 @@ class Renamed:
     """An attribute that is gone: whoever asks for it reads what replaced it.
 
     Args:
-        now: what replaced it, with its unit.
+        name: what replaced it.
+        note: what follows the name: its unit, and what else one may want.
     """
 
-    def __init__(self, now: str) -> None:
-        self.now = now
+    def __init__(self, name: str, note: str) -> None:
+        self.name = name
+        self.now = name + note
 
     def __set_name__(self, owner: type, name: str) -> None:
         self.was = f"{owner.__name__}.{name}"

@@ -93,8 +93,8 @@ def test_rooms_are_there_without_an_import_of_their_own() -> None:
 
 
 class _Own:
-    old = Renamed("new [m]")
-    gone = Renamed("something else, a method")
+    old = Renamed("new", " [m]")
+    gone = Renamed("something", " else, a method")
 
     def __init__(self, new: float, *, other: int = 0) -> None:
         self.new, self.other = new, other

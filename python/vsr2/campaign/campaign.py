@@ -307,7 +307,7 @@ class CampaignTrial:
     extra: Mapping[str, float] = field(default_factory=dict)
     series: Series | None = None
 
-    pga = Renamed("pga_g [g]")
+    pga = Renamed("pga_g", " [g]")
 
     def __post_init__(self) -> None:
         _refuse(f"trial {shown(self.trial)}", trial_faults(vars(self)))

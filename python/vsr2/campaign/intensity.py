@@ -27,7 +27,7 @@ class TrialIntensities:
     pga_g: Array
     pgv_pga: Array
 
-    pga = Renamed("pga_g [g]")
+    pga = Renamed("pga_g", " [g]")
 
 
 def intensity_measures(campaign: Campaign, *, filter: Filter | None = None) -> TrialIntensities:

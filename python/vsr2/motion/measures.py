@@ -54,7 +54,7 @@ class IntensityMeasures:
     time_step: float
     duration: float
 
-    pga = Renamed("pga_g [g]")
+    pga = Renamed("pga_g", " [g]")
 
     def as_dict(self) -> dict[str, float]:
         """Every measure, its unit in its name."""

@@ -98,8 +98,8 @@ class Motion(OneLine, ReadOnlyArrays):
     pitch: SideMotion | None = None
     recorded: Recorded | None = None
 
-    pga = Renamed("pga_g [g] or peak_acceleration [m/s^2]")
-    scaled_to_pga = Renamed("scaled_to_pga_g, which takes g")
+    pga = Renamed("pga_g", " [g] or peak_acceleration [m/s^2]")
+    scaled_to_pga = Renamed("scaled_to_pga_g", ", which takes g")
 
     def __post_init__(self) -> None:
         if not isinstance(self.name, str):
