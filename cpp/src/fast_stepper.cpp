@@ -21,6 +21,7 @@ using Eigen::Vector3d;
 
 // Bullet's search takes four points that span less than this for points of one plane [m^3].
 constexpr double kFlatVolume = 1e-8;
+
 const Part& only_part(const std::vector<Part>& parts) { return parts.front(); }
 
 }  // namespace

@@ -280,7 +280,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     """Effects that act together in a campaign, by how strong motions must be to overturn the rock.
 
     Draws scenes in which any effects of the library act, and seeks the factor on the motion at
-    which every trial overturns. Outcomes then say which effects act, several at once, and how
+    which trials overturn. Outcomes then say which effects act, several at once, and how
     strongly. Each is judged on motions that it was not inferred from. docs/how-to/campaign.md
     explains.
 

@@ -183,7 +183,7 @@ def find_causes(
     """Which effects act together in a campaign, by how strong motions must be to overturn.
 
     Scenes are drawn in which any of the effects act. In each the factor on the motion is sought at
-    which every trial overturns, and an emulator learns these margins. Then the outcomes say which
+    which trials overturn, and an emulator learns these margins. Then the outcomes say which
     effects act, and how strongly. Causes are judged on motions that they were not inferred from.
     For campaigns of many outcomes in which several causes act; `diagnose` reads series, too.
 
@@ -193,8 +193,8 @@ def find_causes(
         scene: the study of the scene, its effects included, or its file. Its motions are not used.
         out: folder for tables, the corrected scene and simulations, which later runs reuse; None:
             nothing is written.
-        scenes: whose margins are sought, each by about three simulations of a trial; None: as
-            many as usual (`SceneConstants`).
+        scenes: whose margins are sought, each of a part of the trials; None: as many as usual
+            (`SceneConstants`).
         hypotheses: effects, priors and nuisances; at most how many act is not asked.
         posterior_draws: scenes with what acts in a draw of the posterior each, to predict with.
         execution: threads or a cluster, who gets progress, and a cache that a diagnosis shares.

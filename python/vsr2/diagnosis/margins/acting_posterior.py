@@ -58,7 +58,7 @@ class ActingPosterior:
 
     Attributes:
         particles: equally probable.
-        log_evidence: of the outcomes.
+        log_evidence: of the outcomes, to the power that was asked for.
     """
 
     particles: Particles

@@ -55,6 +55,7 @@ class MarginLevels:
         by_motion: of each motion, less that, shape (scenes, motions).
         varied: motions whose margins differ between scenes, shape (motions,). The others tell
             nothing of what a scene changes; all of them would call the rest noise.
+        by_trial: what single trials add, of each group.
     """
 
     groups: TrialGroups

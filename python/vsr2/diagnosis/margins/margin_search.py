@@ -26,7 +26,8 @@ class SearchConstants:
     Attributes:
         reach: of the logarithm of the factor on the motion, both ways.
         width: of the range that is left, by which a margin is good to half of it. It errs by a
-            standard deviation of .07 then, where chaos makes margins of like scenes differ by .13.
+            standard deviation of .07 then, where those of the laboratory's rock differ by .14
+            between like scenes (`emulator.noise` of docs/results/lab_several_causes.json).
         step: of the first step away from the guess; each further one is twice as long.
         pilot: scenes whose margins are sought first, from the middle; their median is the guess
             for the others.

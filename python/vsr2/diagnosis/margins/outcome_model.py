@@ -161,14 +161,12 @@ class OutcomeModel:
         Returns:
             Shapes (n, trials), (n,) of what trials of a motion share, (n,) of each trial.
         """
-        nuisances = emulated_nuisances(given.nuisances)
+        seen = SeenScenes(self.emulator, emulated_nuisances(given.nuisances), given.error)
+        points, acts = given.points, given.acts[:, :-1]
         if self.steps is None:
-            features = self.space.features(given.points, given.acts[:, :-1])
-            mean, *variances = self.emulator(np.hstack([features, nuisances]), given.error)
+            mean, by_motion, by_trial = seen(self.space.features(points, acts))
         else:
-            seen = SeenScenes(self.emulator, nuisances, given.error)
-            mean, *variances = self.steps.margins(seen, given.points, given.acts[:, :-1])
-        by_motion, by_trial = variances
+            mean, by_motion, by_trial = self.steps.margins(seen, points, acts)
         return mean - self.log_strength(given)[:, None], by_motion, by_trial
 
     def log_strength(self, given: Particles) -> Array:

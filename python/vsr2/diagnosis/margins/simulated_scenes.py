@@ -19,6 +19,7 @@ from vsr2.diagnosis.margins.outcome_model import (
     emulated_nuisances,
     joined_particles,
 )
+from vsr2.diagnosis.margins.session_steps import SeenScenes
 from vsr2.diagnosis.margins.trial_groups import Rows, TrialGroups, trial_groups
 from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.simulated.cache import SimulationCache
@@ -184,11 +185,9 @@ def simulate_scenes(
             chosen = _likely(model, stop - start, rng)
         else:
             chosen = _alone(model, stop - start, power, rng)
-        features = np.hstack(
-            [space.features(chosen.points, chosen.acts[:, :-1]), emulated_nuisances(nuisances)]
-        )
-        expected = emulator(features, np.zeros(stop - start))[0]
-        found = found.joined(done.run(chosen.points, chosen.acts[:, :-1], expected))
+        points, acts = chosen.points, chosen.acts[:, :-1]
+        seen = SeenScenes(emulator, emulated_nuisances(nuisances), np.zeros(stop - start))
+        found = found.joined(done.run(points, acts, seen(space.features(points, acts))[0]))
     return found
 
 
