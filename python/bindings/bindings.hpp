@@ -230,5 +230,6 @@ void bind_scene(py::module_& m);
 void bind_worlds(py::module_& m);
 /// Trials, their results and columns, and batches of them.
 void bind_trials(py::module_& m);
+void bind_motions(py::module_& m);
 
 }  // namespace vsr2::binding

@@ -93,6 +93,7 @@ PYBIND11_MODULE(_native, m) {
   bind_scene(m);
   bind_worlds(m);
   bind_trials(m);
+  bind_motions(m);
   m.def("build_facts", &build_facts);
   m.def("core_constants", &core_constants, "Chosen numbers of the core, by what they are of and by name.");
 }

@@ -60,7 +60,7 @@ def __getattr__(name: str) -> "Any":
         return import_module(f"vsr2.{name}")
     # Importing a room asks this module for what begins and ends with two underscores.
     if not name.startswith("_"):
-        from vsr2.argument_names import nearest
+        from vsr2.near_words import nearest
 
         near = nearest(name, (*__all__, *_ROOMS, *_OTHER_ROOMS))
         if near:

@@ -6,7 +6,7 @@ import enum
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactParameter', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'contact_parameters', 'core_constants', 'result_columns', 'state_columns']
+__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactParameter', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'contact_parameters', 'core_constants', 'follow_within_limits', 'result_columns', 'state_columns']
 class InvalidInput(ValueError):
     faults: typing.ClassVar[tuple] = ('bad_value', 'drive', 'engine_domain', 'no_rock', 'rock_present')
 class ContactValues:
@@ -372,6 +372,10 @@ def contact_parameters() -> list[ContactParameter]:
 def core_constants() -> dict[str, dict[str, float | int]]:
     """
     Chosen numbers of the core, by what they are of and by name.
+    """
+def follow_within_limits(*, displacement: typing.Any, velocity: typing.Any, acceleration: typing.Any, place: typing.SupportsFloat | typing.SupportsIndex, speed: typing.SupportsFloat | typing.SupportsIndex, greatest_speed: typing.SupportsFloat | typing.SupportsIndex, greatest_acceleration: typing.SupportsFloat | typing.SupportsIndex, stiffness: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex, time_step: typing.SupportsFloat | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float64]:
+    """
+    Displacement, velocity and acceleration of a table with limits that follows a command, shape (3, n).
     """
 def result_columns() -> list[Column]:
     """

@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import functools
 import inspect
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any, TypeVar
 
 from vsr2.errors import Renamed, Vsr2Error
+from vsr2.near_words import nearest
 
 C = TypeVar("C", bound=Callable[..., Any])
 
@@ -74,18 +74,3 @@ def _meant(of: Callable[..., Any], name: str, known: list[str]) -> str:
     near = nearest(name, known)
     hint = f"did you mean `{near}`?" if near else f"known are {', '.join(known)}"
     return f"is no argument; {hint}"
-
-
-def nearest(word: str, choices: Iterable[str]) -> str | None:
-    """The choice that `word` most likely means; camelCase (as in ROS 2 files) is understood."""
-    plain = {choice.replace("_", "").lower(): choice for choice in choices}
-    word = word[:100].replace("_", "").lower()
-    near = difflib.get_close_matches(word, plain, n=1, cutoff=0.75)
-    # A shorter word says less by its share of equal letters; its start and end say more.
-    near = near or [name for name in plain if len(word) > 2 and name.startswith(word)]
-    near = near or [
-        name
-        for name in difflib.get_close_matches(word, plain, n=3, cutoff=0.6)
-        if name[0] == word[0]
-    ]
-    return plain[near[0]] if near else None

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -19,12 +19,28 @@ from vsr2.diagnosis.observed.observations import OBSERVED
 from vsr2.diagnosis.posterior.network import NETWORK
 from vsr2.diagnosis.simulated.campaigns import Campaigns
 from vsr2.diagnosis.simulated.look import LOOK
-from vsr2.diagnosis.simulated.simulator import Responses, nuisance_normal
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import Effects, Request, Responses, nuisance_normal
 from vsr2.effects import library
+from vsr2.trial import Trial
 
 NAMES = ("table_gain", "inertia", "restitution", "wear", "catch")
 SCATTER = 0.05
 """Of the logarithm of the largest tilt."""
+
+
+def made_trials(
+    simulator: SceneSimulator,
+    effects: Effects,
+    nuisance: int,
+    replicate: int,
+    wanted: Iterable[int],
+) -> dict[int, Trial]:
+    """The trials that a simulator makes of a draw, by index."""
+    requests = [Request(i, effects, nuisance, replicate) for i in wanted]
+    asked: list[int] = []
+    made = list(simulator._made(requests, asked, []))
+    return {requests[k].trial: trial for k, trial in zip(asked, made, strict=True)}
 
 
 class LinearSimulator:

@@ -38,7 +38,7 @@ HEAVY = {
 def order(room: str = "") -> list[set[str]]:
     """Rooms of an arrow line in docs/architecture.md, most upstream first."""
     text = (ROOT / "docs" / "architecture.md").read_text()
-    start = f"{room}: " if room else "codes, errors, one_line, read_only ->"
+    start = f"{room}: " if room else "codes, errors, near_words, one_line, read_only ->"
     line = next(line for line in text.splitlines() if line.startswith(start))
     stages = [re.sub(r"\(.*?\)", "", stage) for stage in line.removeprefix(f"{room}:").split("->")]
     return [{name.strip() for name in stage.split(",")} for stage in stages]

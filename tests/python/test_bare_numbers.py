@@ -39,7 +39,8 @@ UNTUNED: dict[str, set[str]] = {
     },
     "convention": {
         "config/section.py:DEFAULT_TIME_STEP", "diagnosis/coverage/coverage_scores.py:LEVELS",
-        "effects/geometry.py:_QUARTERS",
+        "effects/geometry.py:_QUARTERS", "effects/parameter.py:NORMAL_ENDS",
+        "hazard/hazard_curve.py:SITE_ROUNDING",
         "effects/underside.py:_COEFFICIENTS", "motion/two_components.py:STEP",
         "motion/spectrum.py:PERIODS", "scene/rotation.py:IDENTITY",
         "scene/shapes.py:_BOX_SIGNS", "scene/shapes.py:_BOX_FACES",
@@ -52,17 +53,86 @@ UNTUNED: dict[str, set[str]] = {
         "motion/motion.py:START_TOLERANCE", "motion/sample_spline.py:SETTLED",
         "motion/two_components.py:SAME_INTERVAL",
         "scene/mass.py:DIAGONAL_TOLERANCE", "scene/mass.py:EQUAL_MOMENTS",
-        "scene/mass.py:TRIANGLE_TOLERANCE", "scene/rotation.py:UNIT_TOLERANCE",
+        "scene/mass.py:TRIANGLE_TOLERANCE", "scene/rotation.py:ALONG",
     },
     "memory or progress: no result depends on it": {
         "campaign/file_problems.py:_LISTED", "diagnosis/posterior_check.py:CHUNK",
-        "diagnosis/simulated/cache.py:CHUNK", "fragility/fit.py:_CHUNK",
+        "diagnosis/simulated/cache.py:CHUNK",
+        "diagnosis/simulated/scene_simulator.py:KEPT_MOTIONS",
+        "diagnosis/simulated/scene_simulator.py:KEPT_SCENES", "effects/rounding.py:_PAIRS",
+        "fragility/fit.py:_CHUNK",
         "motion/sample_spline.py:BLOCK",
         "results/batch_table.py:_BLOCK", "scene/placement.py:_PAIRS",
         "simulation/planning.py:ROW_BYTES",
     },
 }  # fmt: skip
 """Numbers that may stand at a module's top, by what they are."""
+
+
+INSIDE: dict[str, set[str]] = {
+    "form of a file, or of the system": {
+        "blind/custodian/campaign_recording.py: 3.14159", "blind/custodian/pack_making.py: 448",
+        "cli/main.py: 130", "cli/options.py: 130", "cli/verb_calibrate.py: 130",
+        "cli/verb_campaign.py: 130", "config/yaml_file.py: 20", "motion/peer.py: 300",
+        "motion/recording.py: 2000", "results/atomic.py: 384", "results/atomic.py: 438",
+        "results/store.py: 438", "scene/mesh_files.py: 100000", "scene/mesh_files.py: 50",
+        "scene/mesh_files.py: 80", "scene/mesh_files.py: 84",
+    },
+    "most that an integer holds": {
+        "blind/custodian/pack_making.py: 31", "blind/custodian/pack_making.py: 63",
+        "calibration/search.py: 31", "diagnosis/simulated/nuisance_draws.py: 63",
+        "diagnosis/simulated/nuisances.py: 31", "results/journal.py: 63", "results/store.py: 63",
+    },
+    "definition or formula": {
+        "motion/fusion.py: 20", "motion/measures.py: 0.05", "motion/measures.py: 0.75",
+        "motion/measures.py: 0.95", "motion/processing.py: 15", "motion/spectrum.py: 0.05",
+        "motion/synthetic.py: 15", "motion/two_components.py: 50",
+    },
+    "text that is cut for a message or a name": {
+        "campaign/simulate.py: 80", "config/problems.py: 57", "config/yaml_file.py: 57",
+        "diagnosis/posterior/files.py: 200", "motion/npz.py: 200", "motion/recording.py: 200",
+        "motion/seismology.py: 200", "scene/mesh_files.py: 200", "scene/urdf.py: 57",
+    },
+    "default that the caller sees and sets": {
+        "cli/verb_motion.py: 15", "cli/verb_view.py: 8080", "diagnosis/posterior_check.py: 200",
+    },
+    "of a frozen dataclass, in a function that makes its default": {
+        "simulation/effect_checks.py: 0.0003", "simulation/effect_checks.py: 0.002",
+        "simulation/effect_checks.py: 0.01", "simulation/effect_checks.py: 0.1",
+        "simulation/effect_checks.py: 30.0",
+    },
+    "drawing": {"motion/plot.py: 0.6", "motion/plot.py: 0.8"},
+}  # fmt: skip
+"""Numbers that may stand inside a function, by what they are."""
+
+
+def is_plain(value: float) -> bool:
+    """Whether a number inside a function speaks for itself: small whole numbers, halves, powers of
+    two, whole decimals, parts of a circle or an hour, and guards against rounding."""
+    if not float(value).is_integer():
+        return value == 0.5 or value <= 1e-6
+    if value >= 1e12:  # beyond whatever is measured
+        return True
+    exact = int(value)
+    return exact <= 12 or exact & (exact - 1) == 0 or exact in {60, 90, 100, 180, 360, 1000, 3600}
+
+
+def inside(source: str) -> Iterator[float]:
+    """Numbers inside functions that do not speak for themselves, those shown in a text aside."""
+    tree = ast.parse(source)
+    functions = [node for node in ast.walk(tree) if isinstance(node, ast.FunctionDef | ast.Lambda)]
+    texts = {
+        id(part)
+        for node in ast.walk(tree)
+        if isinstance(node, ast.FormattedValue)
+        for part in ast.walk(node)
+    }
+    seen: set[int] = set()
+    for node in (part for function in functions for part in ast.walk(function)):
+        if isinstance(node, ast.Constant) and type(node.value) in (int, float):
+            if id(node) not in seen | texts and not is_plain(node.value):
+                yield node.value
+            seen.add(id(node))
 
 
 def is_numeric(value: ast.expr) -> bool:
@@ -129,6 +199,26 @@ def test_no_chosen_number_stands_bare() -> None:
     found = all_bare()
     known = set().union(*UNTUNED.values())
     assert {at for at in found if not LIMIT.match(at.partition(":")[2])} == known
+
+
+@pytest.mark.parametrize("body", ["return 0.3 * x", "return f(x, draws=4000)", "return x > 1e-3"])
+def test_a_number_inside_a_function_is_found(body: str) -> None:
+    assert len(list(inside(f"def one(x):\n    {body}\n"))) == 1
+
+
+@pytest.mark.parametrize("body", ["return 0.5 * x", "return x[3] > 1e-9", "return 360.0 < 1e30"])
+def test_plain_numbers_are_no_choices(body: str) -> None:
+    assert list(inside(f"def one(x):\n    {body}\n")) == []
+
+
+def test_no_chosen_number_stands_inside_a_function() -> None:
+    found = {
+        f"{place}: {value!r}"
+        for path in sorted(PACKAGE.rglob("*.py"))
+        if (place := path.relative_to(PACKAGE).as_posix()).split("/")[0] not in DISPLAY
+        for value in inside(path.read_text())
+    }
+    assert found == set().union(*INSIDE.values())
 
 
 def test_level_and_replicates_of_intervals_stand_once() -> None:

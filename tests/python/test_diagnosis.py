@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from diagnosis_samples import few_simulations, quick_training
+from diagnosis_samples import few_simulations, made_trials, quick_training
 from planar.planar_library import PLANAR_LIBRARY
 from planar.planar_simulator import PlanarSimulator
 from planted import observe, shaken_campaign
@@ -439,7 +439,7 @@ def test_rest_features_are_those_of_the_batch(shaken, tmp_path) -> None:
     some = [14, 22, 37]
     given = [Request(i, (), 0, 0) for i in some]
     found = simulator.run(given)
-    built = dict(simulator._built((), 0, 0, set(some)))
+    built = made_trials(simulator, (), 0, 0, some)
     batch = run_batch([built[i] for i in some])
     assert found.features is not None
     np.testing.assert_allclose(found.features[:, -1], batch["final_slip"], atol=1e-8)

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from diagnosis_samples import made_trials
 from planted import shaken_campaign
 from vsr2.campaign import MeasurementNoise
 from vsr2.config import study_from_mapping
@@ -125,11 +126,11 @@ def test_a_nuisance_of_trials_is_fresh_in_each(shaken, tmp_path) -> None:
     one = Nuisance(Louder(), "change", Normal(0.1), scope=Scope.TRIAL)
     own = simulator(shaken, tmp_path, [one])
     assert own.nuisance_names == ()
-    made = dict(own._built((), 0, 1, {0, 1}))
+    made = made_trials(own, (), 0, 1, {0, 1})
     acting = [made[i].effects[0].values for i in (0, 1)]
     assert acting[0] != acting[1]
     assert made[0].effects[0].effect.name == "louder"
-    assert dict(own._built((), 0, 0, {0}))[0].effects == ()
+    assert made_trials(own, (), 0, 0, {0})[0].effects == ()
 
 
 def test_an_impact_s_energy_is_relative_to_the_cause(shaken, tmp_path) -> None:
@@ -139,7 +140,7 @@ def test_an_impact_s_energy_is_relative_to_the_cause(shaken, tmp_path) -> None:
     assert factor != 1.0
 
     def ratio(effects):
-        return dict(own._built(effects, 2, 0, {0}))[0].scene.mechanisms.impact_energy_ratio
+        return made_trials(own, effects, 2, 0, {0})[0].scene.mechanisms.impact_energy_ratio
 
     assert ratio(()) == pytest.approx(factor)
     assert ratio((("restitution", (0.8,)),)) == pytest.approx(0.8 * factor)
@@ -209,7 +210,7 @@ def test_what_is_relative_without_a_cause_multiplies_the_nominal_value(shaken, t
 
     one = Nuisance(Twice(), "change", Normal(0.0, mean=2.0), relative=True)
     own = simulator(shaken, tmp_path, [one])
-    (acting,) = dict(own._built((), 1, 0, {0}))[0].effects
+    (acting,) = made_trials(own, (), 1, 0, {0})[0].effects
     assert dict(acting.values) == {"change": 0.5}
 
 
@@ -273,19 +274,19 @@ def test_nuisances_of_a_group_are_drawn_together() -> None:
 
 def test_a_nuisance_of_motions_is_common_to_their_trials(shaken, tmp_path) -> None:
     own = simulator(shaken, tmp_path, [Nuisance(Louder(), "change", Normal(0.1), Scope.MOTION)])
-    made = dict(own._built((), 2, 1, set(range(len(shaken)))))
+    made = made_trials(own, (), 2, 1, set(range(len(shaken))))
     values = {}
     for i, trial in enumerate(shaken.trials):
         values.setdefault(trial.motion, set()).add(made[i].effects[0].values)
     assert all(len(found) == 1 for found in values.values())
     assert len(set.union(*values.values())) == len(values) > 1
-    assert dict(own._built((), 0, 1, {0}))[0].effects == ()
+    assert made_trials(own, (), 0, 1, {0})[0].effects == ()
 
 
 def test_noise_of_the_motion_is_fresh_in_each_trial(shaken, tmp_path) -> None:
     noise = Nuisance("motion_noise", "displacement", Uniform(1e-3, 1e-3))
     own = simulator(shaken, tmp_path, [noise])
-    made, plain = dict(own._built((), 2, 1, {0, 1})), dict(own._built((), 0, 0, {0, 1}))
+    made, plain = made_trials(own, (), 2, 1, {0, 1}), made_trials(own, (), 0, 0, {0, 1})
     added = [made[i].motion.displacement - plain[i].motion.displacement for i in (0, 1)]
     for one, trial in zip(added, made.values(), strict=True):
         assert 0.7e-3 < one.std() < 1e-3
@@ -295,7 +296,7 @@ def test_noise_of_the_motion_is_fresh_in_each_trial(shaken, tmp_path) -> None:
         np.testing.assert_allclose(moved, trial.motion.velocity, atol=0.05)
         assert abs(trial.motion.velocity[0]) < 1e-4
     assert not np.allclose(*(one[:200] for one in added))
-    assert dict(own._built((), 3, 1, {0}))[0].motion.sha256 != made[0].motion.sha256
+    assert made_trials(own, (), 3, 1, {0})[0].motion.sha256 != made[0].motion.sha256
 
 
 def test_priors_are_distributions() -> None:

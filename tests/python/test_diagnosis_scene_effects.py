@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from diagnosis_samples import few_effects, few_simulations
+from diagnosis_samples import few_effects, few_simulations, made_trials
 from planted import shaken_campaign
 from vsr2.campaign import Campaign
 from vsr2.config import Study, study_from_mapping
@@ -51,7 +51,7 @@ def simulator(shaken: Campaign, own: Own = {}, **hypotheses: object) -> SceneSim
 def built(
     of: SceneSimulator, effects: Effects = (), nuisance: int = 0, replicate: int = 0
 ) -> list[Trial]:
-    made = dict(of._built(effects, nuisance, replicate, set(range(20))))
+    made = made_trials(of, effects, nuisance, replicate, range(20))
     return [made[i] for i in range(20)]
 
 

@@ -55,3 +55,25 @@ def test_a_table_within_its_limits_is_left_alone() -> None:
     v = np.gradient(x, STEP)
     path = Kinematics(x, v, np.gradient(v, STEP))
     assert limited(path, 10.0, 100.0, STEP, loop=3.0) is path
+
+
+def test_a_table_with_limits_follows_the_stated_law_to_the_bit() -> None:
+    rng = np.random.default_rng(2)
+    acceleration = 4.0 * np.convolve(rng.standard_normal(3000), np.ones(40) / 40, "same")
+    acceleration[-400:] = 0.0
+    velocity = np.cumsum(acceleration) * STEP
+    path = Kinematics(np.cumsum(velocity) * STEP, velocity, acceleration)
+    found = limited(path, 0.05, 0.4, STEP, loop=3.0)
+    omega = 2 * math.pi * 3.0
+    over = (np.abs(velocity) > 0.05) | (np.abs(acceleration) > 0.4)
+    begin = int(np.argmax(over))
+    assert 0 < begin < 2000
+    place, speed = path.displacement[begin - 1], path.velocity[begin - 1]
+    for i in range(begin, len(over)):
+        x, v, a = path.displacement[i], path.velocity[i], path.acceleration[i]
+        push = a + 2 * omega * (v - speed - a * STEP) + omega**2 * (x - place - v * STEP)
+        new = np.clip(speed + np.clip(push, -0.4, 0.4) * STEP, -0.05, 0.05)
+        place, speed, push = place + 0.5 * (speed + new) * STEP, new, (new - speed) / STEP
+        assert (found.displacement[i], found.velocity[i]) == (place, new)
+        assert found.acceleration[i] == push
+    np.testing.assert_array_equal(found.displacement[:begin], path.displacement[:begin])

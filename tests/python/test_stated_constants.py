@@ -46,6 +46,7 @@ NO_RESULT_RESTS_ON = {
 """Of modules that results import, what may be left out."""
 STATED_ELSEWHERE = {
     "analysis.tracking.TRACKING": "a figure, and `vsr2.analysis.tracking` returns what it used",
+    "hazard.overturning_rate.RATE": "`vsr2 hazard --json` prints how the rates were drawn",
     "report.diagnosis_figures.FIGURES": "a figure",
     "simulation.bench.BENCH": "a machine's speed",
     "simulation.effect_checks.CHECK": "whether an effect is sound; the report prints them",

@@ -19,12 +19,14 @@ class IntervalRules:
         level: of all intervals; usual in engineering statistics.
         replicates: of a bootstrap, and draws of true probabilities; usual for percentile intervals
             (Efron and Tibshirani 1993).
+        inner: quantiles of a second, narrower interval of parameters.
         bins: of probability, for calibration errors: a tenth each, as in
             :class:`vsr2.analysis.probability.ReliabilityRules`.
     """
 
     level: float = 0.95
     replicates: int = 2000
+    inner: tuple[float, float] = (0.05, 0.95)
     bins: int = 10
 
     @property

@@ -36,6 +36,7 @@ class TimeStepConstants:
         reach: greatest size of a margin.
         halvings: of that range, so that a margin is good to 0.01.
         fewest: motions with a margin, below which nothing is said.
+        tolerance: change of the mean margin that is borne by default.
         errors: standard errors that an estimate may be off by, where a tolerance is to hold.
     """
 
@@ -46,6 +47,7 @@ class TimeStepConstants:
     reach: float = 1.0
     halvings: int = 7
     fewest: int = 8
+    tolerance: float = 0.02
     errors: float = 2.0
 
 

@@ -6,7 +6,6 @@ import math
 from collections.abc import Callable, Collection, Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, replace
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -50,6 +49,7 @@ from vsr2.diagnosis.observed.observations import (
 from vsr2.diagnosis.simulated.nuisances import with_stated
 from vsr2.effects import check_study_effects, library
 from vsr2.errors import BlindError, Vsr2Error
+from vsr2.near_words import NEAR, near_words
 
 SUBMISSION_SCHEMA = "vsr2.blind-submission/1"
 SUBMISSION = "submission.json"
@@ -349,7 +349,7 @@ def _excluded(data: Path, entry: Listed, say: Say) -> tuple[str, ...]:
     """
     known = library()
     for name in (name for name in entry.exclude if name not in known):
-        near = get_close_matches(name, known, n=1, cutoff=0.8)
+        near = near_words(name, known, alike=NEAR.slip)
         if near:
             raise BlindError(
                 f"{data / PACK_FILE}: exclude of {entry.id} names {name!r}, which the library "

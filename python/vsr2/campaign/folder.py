@@ -33,6 +33,9 @@ from vsr2.one_line import counted
 from vsr2.results import is_result
 from vsr2.scene.mesh import load_mesh
 
+MAX_UNEVENNESS = 0.01
+"""Of the rows of a series, over the interval that is stated."""
+
 _logger = logging.getLogger(__name__)
 
 
@@ -155,7 +158,7 @@ def _check_sampling(
         for trial, one in series.items():
             if one is not None and one.time.size > 1:
                 off = np.abs(np.diff(one.time) - stated)
-                if off.max() > 0.01 * stated:
+                if off.max() > MAX_UNEVENNESS * stated:
                     problems.add(
                         f"{SERIES_FOLDER}/{trial}.npz",
                         f"the rows {int(off.argmax())} and {int(off.argmax()) + 1} are "

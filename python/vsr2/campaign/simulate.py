@@ -9,6 +9,7 @@ import os
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
+from enum import IntEnum
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -132,7 +133,9 @@ def simulate_campaign(
     for i, row in enumerate(rows):
         if result["status"][i] != Status.ok:
             ends[row.trial] = str(result["status"][i])
-        rows[i] = _judged(row, result, i, noise, _generator(seed, i, 1), series.get(i))
+        rows[i] = _judged(
+            row, result, i, noise, _generator(seed, i, _Draws.MEASURED), series.get(i)
+        )
     facts = _facts(study, wanted, noise, seed, series_every)
     provenance = {"digest": digest, **facts, **result.provenance, **facts, "statuses": ends}
     return Campaign(
@@ -200,7 +203,7 @@ def _run(
     series: dict[int, Series] = {}
 
     def keep(index: int, log: TrialLog | None) -> None:
-        one = None if log is None else _series(log, noise, _generator(seed, index, 2))
+        one = None if log is None else _series(log, noise, _generator(seed, index, _Draws.SERIES))
         if one is not None:
             series[index] = one
 
@@ -244,7 +247,15 @@ def _facts(
     }
 
 
-def _generator(seed: int, trial: int, stream: int) -> np.random.Generator:
+class _Draws(IntEnum):
+    """Streams of random numbers of a trial."""
+
+    RECORDED = 0
+    MEASURED = 1
+    SERIES = 2
+
+
+def _generator(seed: int, trial: int, stream: _Draws) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(trial, stream)))
 
 
@@ -358,7 +369,7 @@ def _unjudged(
         if file is None:
             file = name if noisy else names.free(motion.name)
             file_of[motion.sha256] = file
-            files[file] = _recorded(motion, file, noise, _generator(seed, i, 0))
+            files[file] = _recorded(motion, file, noise, _generator(seed, i, _Draws.RECORDED))
         rows.append(
             CampaignTrial(
                 trial=name,

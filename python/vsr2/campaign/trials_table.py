@@ -7,7 +7,6 @@ import io
 import math
 import re
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +24,7 @@ from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.table import Cells, Row, read_table
 from vsr2.config.problems import shown
 from vsr2.motion import STANDARD_GRAVITY
+from vsr2.near_words import near_words
 
 TRIALS = "trials.csv"
 MOTIONS = "motions"
@@ -140,7 +140,7 @@ def _advice(name: str) -> str:
     known = _COLUMNS.values()
     words = re.split("[^a-z]+", name.lower())
     meant = [column for word, column in reversed(_MEANT.items()) if word in words]
-    near = [*meant, *get_close_matches(name.lower(), known, n=1, cutoff=0.75)]
+    near = [*meant, *near_words(name.lower(), known)]
     if near:
         return f"did you mean {near[0]}? Call it so, or remove it"
     return f"if it holds numbers call it x_{ascii(name)[1:-1][:60]}, otherwise remove it"

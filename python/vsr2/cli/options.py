@@ -244,9 +244,9 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
     Raises:
         ConfigError: no NAME=SD, or an unknown name.
     """
-    from vsr2.argument_names import nearest
     from vsr2.diagnosis import DEFAULT_NUISANCES, with_deviations
     from vsr2.errors import ConfigError, DiagnosisError
+    from vsr2.near_words import nearest
 
     given: dict[str, float] = {}
     for text in texts:

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-from difflib import get_close_matches
-
 from cyclopts import (
     CoercionError,
     CycloptsError,
@@ -14,6 +12,7 @@ from cyclopts import (
 )
 
 from vsr2.cli.exclusive_options import ExclusiveOptionsError
+from vsr2.near_words import NEAR, near_words
 
 NO_VALUE: dict[type, str] = {
     float: "is no number",
@@ -54,7 +53,7 @@ def _missing(error: MissingArgumentError) -> str | None:
         given = f", not {len(error.tokens_so_far)}" if error.tokens_so_far else ""
         return f"{error.keyword} takes {values}{given}"
     words = [word for word in error.unused_tokens or [] if word.startswith("-")]
-    near = get_close_matches(argument.name, words, n=1)
+    near = near_words(argument.name, words, alike=NEAR.offered)
     remedy = f"did you mean it by {near[0]}?" if near else "give it"
     return f"{argument.name} is missing; {remedy}"
 

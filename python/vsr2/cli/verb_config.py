@@ -108,8 +108,8 @@ def time_step(
     study: Study,
     /,
     *,
-    tolerance: float = 0.02,
-    replicates: int = 2,
+    tolerance: float | None = None,
+    replicates: int | None = None,
     set: Settings = (),
     threads: Threads = None,
     json: Json = False,
@@ -120,18 +120,20 @@ def time_step(
     much that strength changes, and the longest step that keeps a tolerance.
 
     Args:
-        tolerance: greatest change of the mean logarithm of that strength; 0.02 are 2 %
-        replicates: slightly different starts of each motion
+        tolerance: greatest change of the mean logarithm of that strength; 0.02 (2 %) by default
+        replicates: slightly different starts of each motion; 2 by default
     """
     from dataclasses import asdict
 
     from vsr2.analysis import compare_time_steps, longest_time_step
-    from vsr2.analysis.time_steps import time_step_constants
+    from vsr2.analysis.time_steps import TIME_STEPS, time_step_constants
     from vsr2.diagnosis.pipeline import Progress, Stage
     from vsr2.errors import ConfigError
     from vsr2.report.messages.commands import time_step_table
     from vsr2.report.messages.progress_lines import ProgressLines
 
+    tolerance = TIME_STEPS.tolerance if tolerance is None else tolerance
+    replicates = TIME_STEPS.replicates if replicates is None else replicates
     if not 0 < tolerance < math.inf:
         raise ConfigError(f"--tolerance is {tolerance}; give a number above 0, as 0.02 for 2 %")
     lines = ProgressLines("config time-step")

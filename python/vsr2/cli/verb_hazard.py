@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import Annotated, Any
 
 from cyclopts import Parameter
 
@@ -28,6 +28,8 @@ def hazard(
         age: of a rock that stands [year]: print the probability that it would
         confidence: with which an age is excluded
     """
+    from dataclasses import asdict
+
     from vsr2.errors import HazardError
     from vsr2.hazard import (
         excluded_age,
@@ -36,6 +38,7 @@ def hazard(
         read_lognormal,
         survival,
     )
+    from vsr2.hazard.overturning_rate import RATE
     from vsr2.report.messages.runs import hazard_text
 
     if age is not None and not 0 < age < float("inf"):
@@ -43,7 +46,7 @@ def hazard(
     given = read_hazard_curve(curve, site=site)
     rates = rate_draws(given, read_lognormal(fragility, given.measure))
     low, high = rates.interval()
-    found: dict[str, float | str] = {
+    found: dict[str, Any] = {
         "curve": given.source,
         "measure": given.measure,
         "rate_per_year": rates.rate,
@@ -55,6 +58,7 @@ def hazard(
         "excluded_age_years": excluded_age(rates.draws, confidence),
         "excluded_age_lower_years": excluded_age(high, confidence),
         "excluded_age_upper_years": excluded_age(low, confidence),
+        "constants": asdict(RATE),
     }
     if age is not None:
         found |= {"age_years": age, "survival": survival(rates.draws, age)}

@@ -12,6 +12,7 @@ from cyclopts import App, Parameter
 
 from vsr2.cli.options import Integer, Json, Overwrite, Quiet, print_json, target_file
 from vsr2.config.motion_source import RecordUnits
+from vsr2.config.section import DEFAULT_TIME_STEP
 from vsr2.motion import Channel, Record, RecordFormat
 
 verbs = App(name="motion")
@@ -200,7 +201,7 @@ def generate(
     pgv_pga: float,
     duration: float,
     seed: Integer = 0,
-    time_step: float = 0.001,
+    time_step: float = DEFAULT_TIME_STEP,
     overwrite: Overwrite = False,
     quiet: Quiet = False,
 ) -> int:

@@ -4,11 +4,11 @@ from __future__ import annotations
 
 import os
 import stat
-from difflib import get_close_matches
 from itertools import islice
 from pathlib import Path
 
 from vsr2.errors import ConfigError, Vsr2Error
+from vsr2.near_words import NEAR, near_words
 
 
 class UnreadableError(Vsr2Error):
@@ -48,7 +48,7 @@ def near_path(path: str | os.PathLike[str]) -> str:
             names = [one.name for one in islice(entries, MAX_NEIGHBOURS) if one.name != name]
     except (OSError, ValueError):
         return ""
-    near = get_close_matches(name[:255], names, n=1, cutoff=0.8)
+    near = near_words(name, names, alike=NEAR.slip)
     return os.path.join(folder, near[0]) if near and near[0].isprintable() else ""
 
 

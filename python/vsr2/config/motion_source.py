@@ -18,6 +18,8 @@ DriveMode = Literal["motor", "prescribed"]
 DRIVE_MODES: tuple[DriveMode, ...] = get_args(DriveMode)
 """How the pedestal follows its set-points, in studies and trials."""
 
+MAX_VALUES = 100_000
+"""Most values of one axis of a grid."""
 MAX_GRID_TRIALS = 1_000_000
 """Of a grid of cosines."""
 MIN_STEPS_A_PERIOD = 10
@@ -38,8 +40,8 @@ class Range(Section):
     def _ordered(self) -> Self:
         if self.max < self.min:
             raise ValueError(f"max ({self.max}) is below min ({self.min})")
-        if (self.max - self.min) / self.step > 100_000:
-            raise ValueError("more than 100 000 values; raise `step`")
+        if (self.max - self.min) / self.step > MAX_VALUES:
+            raise ValueError(f"more than {MAX_VALUES} values; raise `step`")
         return self
 
     @property

@@ -9,12 +9,12 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from vsr2.argument_names import nearest
 from vsr2.config.schema import Variants, all_sections, variants
 from vsr2.config.section import Section
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath
 from vsr2.errors import ConfigError
+from vsr2.near_words import nearest
 
 _EXPECTED = {
     "float_type": "must be a number, without quotes",

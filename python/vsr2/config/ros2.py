@@ -58,6 +58,28 @@ _BOX: Keys = {
     "rock_structure_box.dimensions": ("rock.size", Ros2Parameters.vector),
     "rock_structure_box.mass": ("rock.mass", Ros2Parameters.number),
 }
+
+
+@dataclass(frozen=True)
+class OriginalsValues:
+    """What the original's files do not hold, as its code has it.
+
+    Attributes:
+        grid: of cosines, over PGA [g] and over PGV/PGA [s]: least, greatest and step.
+        band: of recordings: corners [Hz] and order of the filter.
+        pga_g: of a single cosine, whose goal stands in no file [g]; a value to begin with.
+        pgv_pga: likewise [s].
+        inertia: relative error of a box's stated inertia that is rounding and no other body.
+    """
+
+    grid: tuple[float, float, float] = (0.1, 0.5, 0.2)
+    band: tuple[float, float, int] = (0.1, 25.0, 3)
+    pga_g: float = 0.3
+    pgv_pga: float = 0.3
+    inertia: float = 0.01
+
+
+NOT_STATED = OriginalsValues()
 _MATERIAL = {
     "restitution": "restitution",
     "lateralFriction": "lateral_friction",
@@ -239,7 +261,9 @@ class _Importer:
             square = [edge**2 for edge in self._data["rock"]["size"]]
             mass = self._data["rock"]["mass"]
             solid = [mass / 12 * (sum(square) - square[axis]) for axis in range(3)]
-            if any(abs(a - b) > 0.01 * abs(b) for a, b in zip(stated, solid, strict=True)):
+            if any(
+                abs(a - b) > NOT_STATED.inertia * abs(b) for a, b in zip(stated, solid, strict=True)
+            ):
                 self._note(
                     NotKept.BOX_INERTIA, name=inertia, stated=tuple(stated), solid=tuple(solid)
                 )
@@ -283,7 +307,11 @@ class _Importer:
             return self._recordings(mode)
         if mode == "single_cosine":
             self._note(Assumed.COSINE_GOAL)
-            return {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.3}
+            return {
+                "mode": "single_cosine",
+                "pga_g": NOT_STATED.pga_g,
+                "pgv_pga": NOT_STATED.pgv_pga,
+            }
         if mode == "earthquake_batch":
             self._note(NotKept.VELOCITY_RECORDS)
         elif not mode:
@@ -291,7 +319,7 @@ class _Importer:
         elif mode != "grid_cosine":
             self._note(Assumed.UNKNOWN_MODE, mode=shown(mode))
         self._note(Kept.COSINE_GRID)
-        grid = {"min": 0.1, "max": 0.5, "step": 0.2}
+        grid = dict(zip(("min", "max", "step"), NOT_STATED.grid, strict=True))
         return {"mode": "grid_cosine", "pga_g": grid, "pgv_pga": dict(grid)}
 
     def _recordings(self, mode: str) -> dict[str, Any]:
@@ -304,7 +332,7 @@ class _Importer:
         self._note(Kept.BAND_PASS)
         recorded = {
             "channel": "displacement",
-            "filter": {"low": 0.1, "high": 25.0, "order": 3},
+            "filter": dict(zip(("low", "high", "order"), NOT_STATED.band, strict=True)),
         }
         if mode == "single_recording":
             number = 0

@@ -46,11 +46,14 @@ def _encodable(value: Path) -> Path:
 FilePath = Annotated[Path, AfterValidator(_encodable)]
 
 
+MAX_NORM_ERROR = 0.01
+"""Of a quaternion: more is a mistake, not rounding; it admits what is written with two decimals."""
+
+
 def _nearly_unit(value: tuple[float, float, float, float]) -> tuple[float, float, float, float]:
-    # One per cent admits orientations written with two decimals; it is kept as given because the
-    # original passes it on without normalising.
+    # It is kept as given because the original passes it on without normalising.
     norm = math.hypot(*value)
-    if abs(norm - 1.0) > 0.01:
+    if abs(norm - 1.0) > MAX_NORM_ERROR:
         raise ValueError(f"is no rotation: the quaternion's norm is {norm:.4g}; scale it to 1")
     return value
 

@@ -39,11 +39,15 @@ class ActuationConstants:
         low_pass_damping: damping ratio of the actuator's low-pass: Butterworth's, of second order.
         loop_frequency: at which a saturated table comes back to its command [Hz]; chosen by hand.
         filter_order: of the low-pass that smooths the input, Butterworth's; chosen by hand.
+        smooth_rest: rest beside a motion that is smoothed, in periods of the corner.
+        gain_rest: likewise beside one whose gain differs by frequency, of the lower corner.
     """
 
     low_pass_damping: float = math.sqrt(0.5)
     loop_frequency: float = 3.0
     filter_order: int = 3
+    smooth_rest: float = 2.0
+    gain_rest: float = 3.0
 
 
 ACTUATION = ActuationConstants()
@@ -252,7 +256,8 @@ class InputChannel(Effect):
             return trial
         motion, step = trial.motion, trial.motion.time_step
         corners = [(low, values["low_corner"]), (high, values["high_corner"])]
-        pad = math.ceil(3.0 / min(corner for gain, corner in corners if gain) / step)
+        lowest = min(corner for gain, corner in corners if gain)
+        pad = math.ceil(ACTUATION.gain_rest / lowest / step)
 
         def passed(signals: Array) -> Array:
             # Amid rest, so that the filters ring out on both sides.
@@ -334,7 +339,7 @@ class InputFilter(Effect):
         if corner >= 0.5 / motion.time_step:
             return trial
         # Amid rest, so that the filter rings out on both sides.
-        pad = math.ceil(2.0 / corner / motion.time_step)
+        pad = math.ceil(ACTUATION.smooth_rest / corner / motion.time_step)
         amid = np.pad(_late(motion.displacement, pad), (0, pad), mode="edge")
         low_pass = Filter(low=0.0, high=corner, order=ACTUATION.filter_order)
         smooth = band_pass(amid, motion.time_step, low_pass)

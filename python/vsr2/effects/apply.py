@@ -6,8 +6,9 @@ import warnings
 import zlib
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from operator import itemgetter
-from typing import TypeVar
+from typing import TypeAlias, TypeVar
 
 import numpy as np
 
@@ -19,8 +20,63 @@ from vsr2.errors import ConfigError, Fault, SimulationError, Vsr2Error
 from vsr2.trial import Applied, Trial
 
 T = TypeVar("T")
+Parts: TypeAlias = tuple[Trial, Trial]
+"""Trials that have the scene, start and rules of one, and its motion."""
 _BEFORE_MOTION = ("geometry", "order", "inertia", "contact", "mechanism")
 """Stages whose hooks see no motion, so that trials under any motion share what they make."""
+
+
+def sees_motion(one: Effect) -> bool:
+    """Whether an effect acts on the motion, or under it, alone.
+
+    Whatever its values, trials share what other effects make of rock, pedestal and contact.
+    """
+    return not one.parts and one.stage not in _BEFORE_MOTION
+
+
+class ByTrial(dict[int, Mapping[str, float]]):
+    """Complete values of an effect by the trial's index; it does not act in the other trials."""
+
+
+Values = Mapping[str, float] | ByTrial
+
+
+class MadeEarlier:
+    """What effects made of the trials of one scene, for later calls that ask for it again.
+
+    Between calls nothing may differ but the trials that are wanted and the values of effects with
+    values by trial. What was made of scene and start stays; so does what was made of a motion
+    before the first of these effects, for the trials asked for last.
+
+    Args:
+        most: trials whose motions are kept.
+    """
+
+    def __init__(self, most: int = 0) -> None:
+        self._most = most
+        self._standing: dict[tuple[object, ...], Parts] = {}
+        self._moving: dict[tuple[object, ...], Parts] = {}
+
+    def standing(self, trial: Trial, hook: _Hook, values: dict[str, float]) -> Trial:
+        """The trial changed; its motion is that of the first that was asked for.
+
+        Trials that hold the same objects are recognised, and stay with them.
+        """
+        parts = [id(getattr(trial, name)) for name in _ALL_ELSE]
+        key = (hook.effect.name, hook.key, *values.items(), *parts)
+        if key not in self._standing:
+            self._standing[key] = trial, _made(trial, hook, values)
+        return self._standing[key][1]
+
+    def moving(self, index: int, hooks: Sequence[_Hook], change: Callable[[], Parts]) -> Parts:
+        """What hooks whose values are those of all calls make of a trial."""
+        key = (index, *[hook.key for hook in hooks])
+        found = self._moving.pop(key, None) or change()
+        if hooks:
+            self._moving[key] = found
+            if len(self._moving) > self._most:
+                del self._moving[next(iter(self._moving))]
+        return found
 
 
 @checked_names(ConfigError)
@@ -114,12 +170,13 @@ def with_effect(
 
 def each_with_effects(
     trials: Sequence[Trial],
-    effects: Sequence[tuple[Effect, Mapping[str, float]]],
+    effects: Sequence[tuple[Effect, Values]],
     *,
     relative_order: Sequence[float] | None = None,
     sessions: Sequence[str] | None = None,
     seed: int = 0,
     only: Collection[int] | None = None,
+    made: MadeEarlier | None = None,
 ) -> Iterator[tuple[int, Trial]]:
     """As :func:`with_effects`, index and trial one after another, those of one motion together.
 
@@ -128,12 +185,13 @@ def each_with_effects(
 
     Args:
         trials: of a campaign.
-        effects: with complete values, in order.
+        effects: in order, with complete values, those of all trials or those of each.
         relative_order: as of :func:`apply_effects`.
         sessions: likewise.
         seed: likewise.
         only: indices of those that are made; the others have their part in order, sessions and
             draws. None: all.
+        made: by earlier calls; None: nothing.
     """
     count = len(trials)
     for label, given in (("relative_order", relative_order), ("sessions", sessions)):
@@ -150,24 +208,26 @@ def each_with_effects(
     order_of_sessions = tuple(dict.fromkeys(held[i] for i in in_time))
     wanted = range(count) if only is None else sorted(only)
 
-    def applied(one: Effect, values: Mapping[str, float]) -> dict[int, Applied]:
+    def applied(one: Effect, values: Values) -> dict[int, Applied]:
         """The effect where it acts, by the trial's index; equal ones are one object."""
-        if type(one).at is Effect.at:
+        if type(one).at is Effect.at and not isinstance(values, ByTrial):
             same = _in_force(one, values, values)
             return {} if same is None else dict.fromkeys(wanted, same)
-        known, found = dict[bytes, Applied](), {}
-        for i in wanted:
+        given = values if isinstance(values, ByTrial) else dict.fromkeys(wanted, values)
+        known, found = dict[tuple[object, bytes], Applied](), {}
+        for i in (i for i in wanted if i in given):
             here = Circumstances(order[i], held[i], order_of_sessions, _drawing(one, seed, i))
-            own = _in_force(one, values, one.at(values, here))
+            own = _in_force(one, given[i], one.at(given[i], here))
             if own is not None:
-                found[i] = known.setdefault(own.bits, own)
+                found[i] = known.setdefault((own.given, own.bits), own)
         return found
 
     acting = [(one, applied(one, values)) for one, values in effects]
     for one, where in acting:
         if one.once:
             _assert_once(one, [trials[i] for i in where])
-    yield from _changed(trials, acting, wanted)
+    by_trial = frozenset(one.name for one, values in effects if isinstance(values, ByTrial))
+    yield from _changed(trials, acting, wanted, made or MadeEarlier(), by_trial)
 
 
 def _drawing(one: Effect, seed: int, index: int) -> np.random.Generator:
@@ -216,6 +276,8 @@ def _changed(
     trials: Sequence[Trial],
     effects: Sequence[tuple[Effect, Mapping[int, Applied]]],
     wanted: Sequence[int],
+    made: MadeEarlier,
+    by_trial: frozenset[str],
 ) -> Iterator[tuple[int, Trial]]:
     """The wanted trials with effects in them; what equal trials share is made once.
 
@@ -232,13 +294,10 @@ def _changed(
     hooks = _hooks(effects)
     for hook in hooks:
         if hook.effect.stage in _BEFORE_MOTION:
-            made: dict[tuple[int, int], Trial] = {}
             for i, values in hook.values.items():
-                key = id(values), id(rest[i])
-                if key not in made:
-                    made[key] = standing.of(_made(rest[i], hook, values))
-                rest[i] = made[key]
+                rest[i] = standing.of(made.standing(rest[i], hook, values))
     seeing = [hook for hook in hooks if hook.effect.stage not in _BEFORE_MOTION]
+    alike = next((k for k, hook in enumerate(seeing) if hook.effect.name in by_trial), 0)
     together: dict[int, list[int]] = {}
     for i in wanted:
         together.setdefault(id(moved[i]), []).append(i)
@@ -246,8 +305,13 @@ def _changed(
     for members in together.values():
         under = _UnderMotion(each)
         for i in members:
-            one, other = trials[i], (rest[i], moved[i])
-            yield i, under.changed(one, *other, i, seeing, acting[i]) if acting[i] else one
+            if not acting[i]:
+                yield i, trials[i]
+                continue
+            change = partial(under.changed, trials[i], index=i, acting=acting[i])
+            before = partial(change, rest[i], moved[i], hooks=seeing[:alike])
+            parts = change(*made.moving(i, seeing[:alike], before), hooks=seeing[alike:])
+            yield i, trials[i].with_parts(*parts, (*trials[i].effects, *acting[i]))
 
 
 class _Each:
@@ -298,23 +362,24 @@ class _UnderMotion:
     def __init__(self, each: _Each) -> None:
         self._each = each
         self._standing, self._moving = _Alike(*_ALL_ELSE), _Alike(*_MOTION)
-        self._made: dict[tuple[int, ...], tuple[Trial, Trial]] = {}
+        self._made: dict[tuple[int, ...], tuple[Parts, Parts]] = {}
 
     def changed(
         self,
         trial: Trial,
         rest: Trial,
         moved: Trial,
+        *,
         index: int,
         hooks: Sequence[_Hook],
         acting: Sequence[Applied],
-    ) -> Trial:
-        """A trial with effects in it.
+    ) -> Parts:
+        """Trials that have the scene, start and rules, and the motion, of one with effects in it.
 
         Args:
             trial: without.
-            rest: has its scene, start and rules, with the effects that see no motion.
-            moved: has its motion.
+            rest: has its scene, start and rules, with the effects before the hooks.
+            moved: has its motion, likewise.
             index: of the trial.
             hooks: that see the motion, in order.
             acting: all effects in the trial.
@@ -334,9 +399,10 @@ class _UnderMotion:
             key = id(values), id(rest), id(moved)
             if key not in self._made:
                 found = _made(joined(), hook, values)
-                self._made[key] = self._standing.of(found), self._moving.of(found)
-            rest, moved = self._made[key]
-        return joined()
+                made = self._standing.of(found), self._moving.of(found)
+                self._made[key] = (rest, moved), made  # Both, so that no identity is used again.
+            rest, moved = self._made[key][1]
+        return rest, moved
 
 
 @dataclass(frozen=True)

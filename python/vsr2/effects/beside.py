@@ -18,6 +18,9 @@ from vsr2.scene import Mechanisms, PedestalBody, PitchSpring, RockBody, Scene
 from vsr2.scene.rotation import IDENTITY
 from vsr2.trial import Trial
 
+MAX_PITCH_FREQUENCY = 0.25
+"""Of a table that pitches, over the solver's steps in a second: faster ones are not resolved."""
+
 
 class MotionBeside(Effect):
     """A share of the motion along x in another direction, beside what is there already.
@@ -149,7 +152,7 @@ class TablePitch(Effect):
             raise MotionError(
                 f"motion {trial.motion.name!r} pitches already; leave its pitch out, or the effect"
             )
-        fastest = 0.25 * trial.scene.engine.substeps / trial.scene.engine.time_step
+        fastest = MAX_PITCH_FREQUENCY * trial.scene.engine.substeps / trial.scene.engine.time_step
         if frequency >= fastest:
             raise ConfigError(
                 f"{frequency:g} Hz is not below a quarter of the solver's steps in a second, "

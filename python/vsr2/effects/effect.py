@@ -12,9 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.effects.own_code import own_code
-from vsr2.effects.parameter import Parameter, Prior, near
+from vsr2.effects.parameter import Parameter, Prior
 from vsr2.errors import ConfigError
 from vsr2.motion import Motion
+from vsr2.near_words import offer
 from vsr2.trial import Observation, Trial
 
 Array = NDArray[np.float64]
@@ -60,7 +61,7 @@ class Bench(Protocol):
     def scan(self) -> Trial:
         """A rock with the irregular hull of a scan."""
 
-    def push(self, acceleration: float, *, duration: float = 0.2) -> Motion:
+    def push(self, acceleration: float, *, duration: float = ...) -> Motion:
         """A motion that reaches a constant acceleration [m/s^2] smoothly and holds it [s]."""
 
     def pulse(self, peak_acceleration: float, frequency: float) -> Motion:
@@ -218,7 +219,7 @@ class Effect:
                 return parameter
         known = [parameter.name for parameter in self.parameters]
         raise ConfigError(
-            f"has no parameter {name!r}; {near(name, known)}", key=f"effects.{self.name}"
+            f"has no parameter {name!r}; {offer(name, known)}", key=f"effects.{self.name}"
         )
 
     def with_prior(self, name: str, lower: float, upper: float, shape: Prior | None = None) -> Self:

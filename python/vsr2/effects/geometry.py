@@ -23,6 +23,7 @@ from vsr2.effects.standing import (
 )
 from vsr2.scene import Box, Hull, PedestalBody, Pose, Triangles
 from vsr2.scene.rotation import (
+    axis_aside,
     matrix_from_quaternion,
     multiply,
     quaternion_from_matrix,
@@ -313,7 +314,7 @@ def box_with_margin(box: Box, trial: Trial, radius: float = 0.0) -> Array:
 
 def _bump(tip: Array, up: Array, height: float) -> Hull:
     """A cone on its tip, twice as wide as high, whose rim lies inside the rock."""
-    side = np.cross(up, [1.0, 0.0, 0.0] if abs(up[0]) < 0.9 else [0.0, 1.0, 0.0])
+    side = np.cross(up, axis_aside(up))
     side /= np.linalg.norm(side)
     other = np.cross(up, side)
     rim = tip + 2 * height * up

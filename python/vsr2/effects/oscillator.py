@@ -15,6 +15,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2 import _native
 from vsr2.motion import Motion
 from vsr2.motion.processing import Kinematics
 from vsr2.motion.resample import Resampled
@@ -189,24 +190,9 @@ def limited(path: Path, velocity: float, acceleration: float, step: float, *, lo
     omega = 2 * math.pi * loop
     begin = int(np.argmax(over))
     position, speed = (float(x[begin - 1]), float(v[begin - 1])) if begin else (0.0, 0.0)
-    targets = (signal[begin:].tolist() for signal in (x, v, a))
-    positions, speeds, pushes = list[float](), list[float](), list[float]()
-    for at_x, at_v, at_a in zip(*targets, strict=True):
-        push = (
-            at_a
-            + 2 * omega * (at_v - speed - at_a * step)
-            + omega**2 * (at_x - position - at_v * step)
-        )
-        # Written out: calls of min and max would take half of the time.
-        push = push if push > -acceleration else -acceleration
-        push = push if push < acceleration else acceleration
-        new = speed + push * step
-        new = new if new > -velocity else -velocity
-        new = new if new < velocity else velocity
-        position += 0.5 * (speed + new) * step
-        pushes.append((new - speed) / step)
-        positions.append(position)
-        speeds.append(new)
-        speed = new
-    x[begin:], v[begin:], a[begin:] = positions, speeds, pushes
+    x[begin:], v[begin:], a[begin:] = _native.follow_within_limits(
+        displacement=x[begin:], velocity=v[begin:], acceleration=a[begin:],
+        place=position, speed=speed, greatest_speed=velocity, greatest_acceleration=acceleration,
+        stiffness=omega**2, damping=2 * omega, time_step=step,
+    )  # fmt: skip
     return Kinematics(x, v, a)

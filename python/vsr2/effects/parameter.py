@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import warnings
 from collections.abc import Callable, Mapping
@@ -21,6 +20,8 @@ class EffectRangeWarning(EffectWarning):
 
 
 Prior = Literal["uniform", "loguniform", "normal", "fixed"]
+NORMAL_ENDS = 2.0
+"""Standard deviations from the middle of a normal prior to its ends, where it is cut."""
 Twice = Literal["", "sum", "product", "growth", "loss", "spread", "least", "later"]
 """How two values of a parameter make one; empty: no value does what both do."""
 _TWICE: Mapping[Twice, Callable[[float, float], float]] = {
@@ -106,9 +107,9 @@ class Parameter:
         elif self.prior == "normal":
             from scipy.stats import norm
 
-            low, high = norm.cdf(-2.0), norm.cdf(2.0)
-            middle, width = 0.5 * (self.lower + self.upper), self.upper - self.lower
-            value = middle + 0.25 * width * float(norm.ppf(low + u * (high - low)))
+            low, high = norm.cdf(-NORMAL_ENDS), norm.cdf(NORMAL_ENDS)
+            middle, half = 0.5 * (self.lower + self.upper), 0.5 * (self.upper - self.lower)
+            value = middle + half / NORMAL_ENDS * float(norm.ppf(low + u * (high - low)))
         else:
             value = self.lower * (1 - u) + self.upper * u
         return min(max(value, self.lower), self.upper)
@@ -201,11 +202,3 @@ class Parameter:
         if self.prior == "fixed":
             return f"fixed at {self.null:g}{unit}"
         return f"{self.prior} {self.lower:g} to {self.upper:g}{unit}"
-
-
-def near(word: str, known: list[str]) -> str:
-    """A remedy that names what `word` was probably meant to be."""
-    close = difflib.get_close_matches(word, known, n=3, cutoff=0.55)
-    if close:
-        return f"did you mean {' or '.join(f'`{name}`' for name in close)}?"
-    return f"known are {', '.join(sorted(known))}"

@@ -29,8 +29,9 @@ from vsr2.effects import (
     support,
 )
 from vsr2.effects.effect import STAGES, Channel, Effect, effects_in
-from vsr2.effects.parameter import Parameter, near
+from vsr2.effects.parameter import Parameter
 from vsr2.errors import ConfigError
+from vsr2.near_words import offer
 
 GROUP = "vsr2.effects"
 """Entry-point group of other packages: each entry names a class derived from `Effect`."""
@@ -59,7 +60,7 @@ def effect(name: str) -> Effect:
     """
     known = library()
     if name not in known:
-        raise ConfigError(f"there is no effect {name!r}; {near(name, list(known))}", key="effects")
+        raise ConfigError(f"there is no effect {name!r}; {offer(name, list(known))}", key="effects")
     return known[name]
 
 

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import GeometryError
+from vsr2.scene.rotation import axis_aside
 
 if TYPE_CHECKING:
     from scipy.spatial import ConvexHull
@@ -48,6 +49,8 @@ class RoundingConstants:
 ROUNDING = RoundingConstants()
 _SAME = 1e-9
 """Components of unit vectors below this are 0."""
+_PAIRS = 2**18
+"""Of vertices and planes that are looked at together."""
 
 
 def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | None = None) -> Array:
@@ -85,10 +88,9 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
         ) from error
     vertices = merged(eroded.intersections)
     scale = float(np.ptp(points, axis=0).max())
-    # How far each eroded vertex lies inside each moved plane.
-    inside = -(vertices @ normals.T) - (offsets + radius)
-    vertex, face = np.nonzero((inside < 1e-7 * scale) & (normals @ down > -_SAME))
-    pieces = [vertices[vertex] + grown * normals[face]]
+    lower = normals @ down > -_SAME
+    vertex, face = _touching(vertices, normals[lower], offsets[lower] + radius, 1e-7 * scale)
+    pieces = [vertices[vertex] + grown * normals[lower][face]]
     directions = _directions(down)
     reach = vertices @ directions.T
     # All vertices that share the farthest reach, so that an edge across the tilt stays whole.
@@ -104,6 +106,26 @@ def rounded_hull(points: Array, radius: float, down: Array, *, ball: float | Non
         above = dilated.intersections[(dilated.intersections - center) @ down < 0]
     pieces.append(above)
     return outline(np.unique(np.vstack(pieces), axis=0))
+
+
+def _touching(
+    vertices: Array, normals: Array, offsets: Array, near: float
+) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """Vertices, and planes that they lie on, by less than `near` inside or anywhere beyond.
+
+    A rock that was rounded before has millions of such pairs, which are looked at by the block.
+    """
+    rows = max(1, _PAIRS // len(normals))
+    inside = np.empty((rows, len(normals)))
+    vertex, face = [], []
+    for start in range(0, len(vertices), rows):
+        block = inside[: len(vertices[start : start + rows])]
+        np.matmul(vertices[start : start + rows], normals.T, out=block)
+        block += offsets
+        on, plane = np.divmod(np.flatnonzero(block > -near), len(normals))
+        vertex.append(on + start)
+        face.append(plane)
+    return np.concatenate(vertex), np.concatenate(face)
 
 
 def outline(points: Array) -> Array:
@@ -164,7 +186,7 @@ def merged(points: Array, tolerance: float = 1e-7) -> Array:
 
 def _directions(down: Array) -> Array:
     """Directions of the lower half of a sphere about `down`, rings through four meridians."""
-    helper = np.array([1.0, 0.0, 0.0]) if abs(down[0]) < 0.9 else np.array([0.0, 1.0, 0.0])
+    helper = axis_aside(down)
     first = helper - (helper @ down) * down
     first /= np.linalg.norm(first)
     second = np.cross(down, first)

@@ -400,7 +400,7 @@ def _fit(
         # Steps on the way may overshoot where the outcomes are separated; the end is checked.
         warnings.simplefilter("ignore")
         found = sm.GLM(response, design, family=family, freq_weights=weight).fit(
-            maxiter=500, tol=1e-10
+            maxiter=FIT.iterations, tol=FIT.converged
         )
     coefficients = np.asarray(found.params, dtype=np.float64)
     model = np.asarray(found.cov_params(), dtype=np.float64)

@@ -56,6 +56,8 @@ class FitConstants:
         burn_in: first steps of the walkers, which are not kept.
         steps: after them.
         thin: one step in so many is kept.
+        iterations: most of the least squares that find the mode.
+        converged: change of the deviance at which they end [1].
     """
 
     prior_location: float = 0.1
@@ -69,6 +71,8 @@ class FitConstants:
     burn_in: int = 150
     steps: int = 500
     thin: int = 4
+    iterations: int = 500
+    converged: float = 1e-10
 
 
 FIT = FitConstants()

@@ -13,6 +13,10 @@ from numpy.typing import NDArray
 from vsr2.errors import HazardError
 from vsr2.read_only import ReadOnlyArrays, read_only
 
+SITE_ROUNDING = 5.1e-6
+"""Half of the last digit of a site's longitude and latitude in OpenQuake's files, and a little
+more [degree]."""
+
 Array = NDArray[np.float64]
 
 MEASURE_OF = {"PGA": "pga_g"}
@@ -157,7 +161,9 @@ def _site_row(
             )
         return table[0]
     found = [
-        row for row in table if np.allclose((row["lon"], row["lat"]), site, rtol=0, atol=5.1e-6)
+        row
+        for row in table
+        if np.allclose((row["lon"], row["lat"]), site, rtol=0, atol=SITE_ROUNDING)
     ]
     if len(found) != 1:
         raise HazardError(

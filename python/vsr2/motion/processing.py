@@ -49,12 +49,14 @@ class ProcessingConstants:
         rest_time: shortest rest that tells an offset [s].
         taper_time: length of the taper of a moving end, at most a tenth of the record [s].
         moving_end: an end moves when its speed exceeds this share of the peak velocity.
+        ringing: zeros beside a signal that is filtered, in periods of the lower corner, an order.
     """
 
     rest_band: float = 0.1
     rest_time: float = 0.1
     taper_time: float = 0.5
     moving_end: float = 0.01
+    ringing: float = 1.5
 
 
 PROCESSING = ProcessingConstants()
@@ -257,7 +259,7 @@ def filter_amid_zeros(
     """
     if filter is None:
         return signal, 0
-    rings = 1.5 * filter.order / filter.low if filter.low > 0 else 1.0
+    rings = PROCESSING.ringing * filter.order / filter.low if filter.low > 0 else 1.0
     pad = min(math.ceil(rings / sample_interval), MAX_PADDING)
     return band_pass(np.pad(signal, pad), sample_interval, filter, name=name), pad
 

@@ -39,7 +39,6 @@ from typing import Literal, get_args
 
 import numpy as np
 
-from vsr2.argument_names import nearest
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.config.motion_source import RecordUnits
 from vsr2.errors import MotionError
@@ -52,6 +51,7 @@ from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.seismology import read_obspy
 from vsr2.motion.text_table import number_columns, text_lines, uniform_interval
 from vsr2.motion.units import STANDARD_GRAVITY, UNITS
+from vsr2.near_words import nearest
 
 METRES_PER_VOLT = 5.9797e-4 * 0.0254
 """Scale of the laboratory's displacement transducer: inches per volt times metres per inch."""

@@ -264,8 +264,7 @@ class Recorded:
         elif channel == "displacement":
             displacement = channel_signal(record, channel, baseline)
         else:
-            integrated = kinematics(record, channel=channel, filter=filter, baseline=baseline)
-            return integrated.displacement, how
+            return _INTEGRATED.of(self), how
         if filter is not None:
             interval = record.sample_interval
             displacement = band_pass(displacement, interval, filter, name=record.label)
@@ -281,7 +280,7 @@ class Recorded:
                 f"frequency {nyquist:g} Hz; lower it"
             )
         slow, _ = self.through("displacement")._displacement()
-        fast = _INTEGRATED.of(self.through("acceleration"))
+        fast, _ = self.through("acceleration")._displacement()
         low = Filter(low=0.0, high=crossover, order=RECORDED.crossover_order)
         apart = (slow - slow[0]) - fast
         joined = fast + band_pass(apart, record.sample_interval, low, name=record.label)
@@ -290,9 +289,9 @@ class Recorded:
 
 
 class KeptDisplacements:
-    """Displacements that records were turned into, while the records live.
+    """Displacements of accelerations that were integrated, while the records live.
 
-    A record is joined with itself at many crossovers. What does not fit is made again each time:
+    A record drives many scenes, at many crossovers. What does not fit is made again each time:
     trials come round in the same order, in which keeping the last ones would keep none.
 
     Args:
@@ -315,7 +314,12 @@ class KeptDisplacements:
         known = self._known.setdefault(recorded.record, {})
         key = recorded.channel, recorded.baseline, recorded.filter
         if key not in known:
-            made, _ = recorded._displacement()
+            made = kinematics(
+                recorded.record,
+                channel=recorded.used,
+                filter=recorded.filter,
+                baseline=recorded.baseline,
+            ).displacement
             made.setflags(write=False)
             if self.size + made.nbytes > self._most:
                 return made
@@ -323,8 +327,8 @@ class KeptDisplacements:
         return known[key]
 
 
-_INTEGRATED = KeptDisplacements(2**25)
-"""Of accelerations: those of some 90 of the laboratory's records."""
+_INTEGRATED = KeptDisplacements(2**28)
+"""Room for some 500 records of a minute at 1 kHz."""
 
 
 def build_recorded_motion(

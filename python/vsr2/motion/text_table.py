@@ -1,14 +1,13 @@
 """Tables of numbers in text: rows, columns, and a uniform time column.
 
-Time columns must increase and be uniform. A sample may be off its place by 1 % of the sampling
-interval plus the rounding of six printed digits, and never by 45 % or more, so that a lost sample
-is always found.
+Time columns must increase and be uniform.
 """
 
 from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -21,6 +20,28 @@ from vsr2.motion.samples import MAX_SAMPLES
 
 MAX_LINE = 10_000
 """Longest line [characters]."""
+MAX_TIME = 1e7
+"""Greatest time [s]; more is a date, or another unit."""
+
+
+@dataclass(frozen=True)
+class TimeColumn:
+    """How far a sample may be off its place in a uniform time column; chosen by hand.
+
+    Attributes:
+        off: of the sampling interval.
+        printed: significant digits with which times are printed at least.
+        rounding: times the rounding of these digits, which is added.
+        lost: of the sampling interval, never to be reached, so that a lost sample is always found.
+    """
+
+    off: float = 0.01
+    printed: int = 6
+    rounding: float = 1.05
+    lost: float = 0.45
+
+
+TIME_COLUMN = TimeColumn()
 
 
 def text_lines(path: Path, content: bytes) -> list[str]:
@@ -93,7 +114,7 @@ def cell_number(path: Path, row: int, column: int, cell: str) -> float:
 
 def uniform_interval(path: Path, time: Array, first_row: int) -> float:
     """The interval of a uniform time column [s]."""
-    absurd = np.flatnonzero(np.abs(time) > 1e7)
+    absurd = np.flatnonzero(np.abs(time) > MAX_TIME)
     if absurd.size:
         row = int(absurd[0])
         raise MotionError(
@@ -110,14 +131,15 @@ def uniform_interval(path: Path, time: Array, first_row: int) -> float:
     interval = float(time[-1] - time[0]) / intervals
     rounding = _printed_rounding(time)
     if MIN_INTERVAL <= interval <= MAX_INTERVAL:
-        # six printed digits do not carry 800 Hz; the nearest whole rate within them is meant
+        # The printed digits may not carry 800 Hz; the nearest whole rate within them is meant
         rate = round(1 / interval)
         possible = (rounding[0] + rounding[-1]) / intervals + 1e-12
         if rate > 0 and abs(1 / rate - interval) <= possible:
             interval = 1 / rate
     off = np.abs(time - time[0] - np.arange(time.size) * interval)
+    rounded = rounding + rounding[0] + rounding[-1]
     allowed = np.minimum(
-        0.01 * interval + 1.05 * (rounding + rounding[0] + rounding[-1]), 0.45 * interval
+        TIME_COLUMN.off * interval + TIME_COLUMN.rounding * rounded, TIME_COLUMN.lost * interval
     )
     wrong = np.flatnonzero(off > allowed)
     if wrong.size:
@@ -131,7 +153,7 @@ def uniform_interval(path: Path, time: Array, first_row: int) -> float:
 
 
 def _printed_rounding(time: Array) -> Array:
-    """Half a unit in the sixth significant digit of each time [s]."""
+    """Half a unit in the last significant digit of each time that is surely printed [s]."""
     magnitude = np.floor(np.log10(np.maximum(np.abs(time), 1e-6)))
-    half_unit: Array = 0.5 * 10.0 ** (magnitude - 5)
+    half_unit: Array = 0.5 * 10.0 ** (magnitude + 1 - TIME_COLUMN.printed)
     return half_unit

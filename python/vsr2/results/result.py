@@ -18,8 +18,9 @@ from vsr2._native import EngineKind as EngineKind
 from vsr2._native import HandOver as HandOver
 from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
-from vsr2.argument_names import checked_names, nearest
+from vsr2.argument_names import checked_names
 from vsr2.errors import ResultError
+from vsr2.near_words import nearest
 from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyDict
 from vsr2.results.trial_log import CONTACT_COLUMNS, DERIVED, STATE_COLUMNS, Array, TrialLog

@@ -13,6 +13,9 @@ from vsr2.scene.body import Array
 from vsr2.scene.mesh_files import IntArray
 from vsr2.scene.notes import SceneNote
 
+MAX_NEAR_PAIRS = 20
+"""Pairs of vertices that are merged, over the number of vertices; their list fills memory."""
+
 MIN_EXTENT = 1.0e-4
 """Smallest longest edge of the bounding box [m]."""
 EDITORS = "close it in MeshLab (Filters > Remeshing > Close Holes) or Blender (3D-Print Toolbox)"
@@ -209,7 +212,7 @@ def _merge_near(path: Path, vertices: Array, faces: IntArray) -> tuple[Array, In
     tolerance = REPAIR.merged * float(np.linalg.norm(np.ptp(vertices, axis=0)))
     tree = cKDTree(vertices)
     # Counted before it is listed: a crowd within the tolerance has quadratically many pairs.
-    if tree.count_neighbors(tree, tolerance) > 20 * len(vertices):
+    if tree.count_neighbors(tree, tolerance) > MAX_NEAR_PAIRS * len(vertices):
         raise GeometryError(
             f"cannot be repaired: most vertices lie closer together than "
             f"{tolerance:g} m; remove the far-off vertices in a mesh editor",

@@ -12,24 +12,25 @@ from typing import Any
 
 import numpy as np
 
+from vsr2.config.section import MAX_NORM_ERROR
 from vsr2.errors import GeometryError
 from vsr2.scene.body import Array, Pose
 
 Quaternion = tuple[float, float, float, float]
 IDENTITY: Quaternion = (0.0, 0.0, 0.0, 1.0)
 """No rotation; x, y, z, w."""
-UNIT_TOLERANCE = 1.0e-2
-"""A quaternion whose norm is farther from 1 is taken for a mistake, not for rounding."""
+ALONG = 0.9
+"""Component of a unit vector along x from which another axis is taken to cross it with."""
 
 
 def check_unit(quaternion: Quaternion, name: str) -> None:
-    """Refuse a quaternion that is not of unit length (within `UNIT_TOLERANCE`).
+    """Refuse a quaternion that is not of unit length (within `MAX_NORM_ERROR`).
 
     Raises:
         GeometryError: naming `name`, the value and the remedy.
     """
     norm = math.sqrt(sum(component * component for component in quaternion))
-    if not abs(norm - 1.0) <= UNIT_TOLERANCE:
+    if not abs(norm - 1.0) <= MAX_NORM_ERROR:
         raise GeometryError(
             f"{name}: quaternion {quaternion} has length {norm:g}, not 1; "
             "give x, y, z, w (w last) and divide by the length"
@@ -40,7 +41,7 @@ def normalized(quaternion: Quaternion, name: str = "orientation") -> Quaternion:
     """Return the quaternion at unit length; a unit one comes back unchanged to the last bit.
 
     Raises:
-        GeometryError: its length is not 1 within `UNIT_TOLERANCE`.
+        GeometryError: its length is not 1 within `MAX_NORM_ERROR`.
     """
     check_unit(quaternion, name)
     squared = sum(component * component for component in quaternion)
@@ -83,6 +84,12 @@ def rotate(q: Array, v: Array) -> Array:
     u, w = q[..., :3], q[..., 3:]
     t = 2.0 * np.cross(u, v)
     return v + w * t + np.cross(u, t)
+
+
+def axis_aside(direction: Array) -> Array:
+    """The x axis, or the y axis where a unit vector points along x: one that is not along it."""
+    axis: Array = np.eye(3)[int(abs(direction[0]) >= ALONG)]
+    return axis
 
 
 def yaw_quaternion(yaw: float) -> Quaternion:

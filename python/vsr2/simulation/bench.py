@@ -58,6 +58,7 @@ class BenchConstants:
         block: edge lengths of the block [m].
         density: of both rocks [kg/m^3].
         ramp: time over which a push comes and goes [s].
+        push: time for which a push is held [s].
         touch: gap at which a body is released [m].
         stand: edge lengths of the pedestal [m].
         scan_points: of the made scan.
@@ -72,6 +73,7 @@ class BenchConstants:
     block: tuple[float, float, float] = (0.4, 0.6, 1.2)
     density: float = 2700.0
     ramp: float = 0.1
+    push: float = 0.6
     touch: float = 1e-6
     stand: tuple[float, float, float] = (20.0, 20.0, 0.5)
     scan_points: int = 700
@@ -138,7 +140,7 @@ class EffectBench(Bench):
             wanted = MeshRock(shape="mesh", file=self._mesh, density=BENCH.density)
         return build_rock(wanted, _stand(), clearance=clearance)
 
-    def push(self, acceleration: float, *, duration: float = 0.6) -> Motion:
+    def push(self, acceleration: float, *, duration: float = BENCH.push) -> Motion:
         """A smooth rise to a constant acceleration [m/s^2], held so long [s]."""
         # In the end it comes back as smoothly, and the pedestal stops at once: look before that.
         step = self._engine.time_step

@@ -55,6 +55,7 @@ class ClusterConstants:
         window: least number of chunks under way.
         fetches: results that are fetched at a time.
         stop_grace: for which results are waited for once workers were asked to stop [s].
+        look_every: between two looks for a scheduler's file [s].
         count_every: between two counts of the cluster's threads [s].
     """
 
@@ -67,6 +68,7 @@ class ClusterConstants:
     window: int = 64
     fetches: int = 4
     stop_grace: float = 0.7
+    look_every: float = 0.1
     count_every: float = 2.0
 
 
@@ -85,7 +87,7 @@ def _await_file(path: str, timeout: float) -> None:
             near = near_path(path)
             remedy = f"did you mean {near}?" if near else "give the one that `dask scheduler` wrote"
             raise SimulationError(f"scheduler {path}: no such file after {timeout:g} s; {remedy}")
-        time.sleep(min(0.1, timeout))
+        time.sleep(min(CLUSTER.look_every, timeout))
 
 
 def connect(address: str, *, timeout: float = 10.0) -> distributed.Client:

@@ -54,6 +54,7 @@ class CheckConstants:
         frequencies: of these pulses [Hz].
         sliding_pulse: peak acceleration [m/s^2] and frequency [Hz] of one more, under which the
             rock slides.
+        pulse: likewise of one that rocks both rocks.
         hardest: PGA over that of uplift up to which the least that overturns is looked for.
         halvings: of the logarithm of its PGA.
         jury: draws of which most must overturn.
@@ -80,6 +81,7 @@ class CheckConstants:
     near_overturning: tuple[float, ...] = (0.95, 1.05)
     frequencies: tuple[float, ...] = (2.0, 3.0)
     sliding_pulse: tuple[float, float] = (25.0, 6.0)
+    pulse: tuple[float, float] = (4.0, 2.0)
     hardest: float = 12.0
     halvings: int = 8
     jury: int = 5
@@ -212,7 +214,7 @@ class EffectChecker:
 
     def neutral(self, effect: Effect) -> bool:
         """Whether trials with the null values are the same to the last bit, on both rocks."""
-        pulse = self._quick.pulse(4.0, 2.0)
+        pulse = self._quick.pulse(*CHECK.pulse)
         shaken = [with_tail(replace(self.standing(rock), motion=pulse), 0.5) for rock in ROCKS]
         # Each twice, so that the order has an end.
         plain = [trial for trial in shaken for _ in range(2)]
@@ -247,7 +249,7 @@ class EffectChecker:
 
     def fast_refusal(self, effect: Effect) -> FastRefusal:
         """Why `fast` does not take the block with the effect at its prior's far end."""
-        trial = replace(self.bench.block(), motion=self.bench.pulse(4.0, 2.0))
+        trial = replace(self.bench.block(), motion=self.bench.pulse(*CHECK.pulse))
         changed = with_effects([trial], [(effect, effect.extreme())], relative_order=[1.0])[0]
         return native_scene(changed.scene).fast_refusal
 

@@ -55,8 +55,8 @@ from vsr2.codes import Statement
 from vsr2.config import Study
 from vsr2.config.motion_source import Filter
 from vsr2.config.yaml_file import dump_yaml
-from vsr2.effects.parameter import near
 from vsr2.errors import BlindError, SimulationError
+from vsr2.near_words import offer
 
 SCENE_FILE = "scene.yaml"
 FORM = 8
@@ -209,7 +209,7 @@ def _allowed(
         if unknown:
             wrong = min(unknown)
             raise BlindError(
-                f"engine {name} has no effect {wrong!r}; {near(wrong, list(engine.effects))}"
+                f"engine {name} has no effect {wrong!r}; {offer(wrong, list(engine.effects))}"
             )
         allowed = settings.effects or engine.effects
         out[name] = {one: effect for one, effect in engine.effects.items() if one in allowed}

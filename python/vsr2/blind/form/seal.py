@@ -7,7 +7,6 @@ import json
 import math
 import os
 from collections.abc import Mapping
-from difflib import get_close_matches
 from pathlib import Path
 from typing import Any
 
@@ -19,6 +18,7 @@ from vsr2.codes import Statement
 from vsr2.config.problems import shown
 from vsr2.config.yaml_file import parse_yaml
 from vsr2.errors import BlindError, ConfigError
+from vsr2.near_words import NEAR, near_words
 from vsr2.results.atomic import write_atomic
 
 PACK_SCHEMA = "vsr2.blind-pack/2"
@@ -211,7 +211,7 @@ def key_slips(key: Mapping[str, Any]) -> list[Statement]:
             if name not in known:
                 out += [
                     Statement.of(EventCode.UNKNOWN_EFFECT, **of, near=near)
-                    for near in get_close_matches(name, known, n=1, cutoff=0.8)
+                    for near in near_words(name, known, alike=NEAR.slip)
                 ]
                 continue
             names = tuple(parameter.name for parameter in known[name].parameters)
@@ -219,7 +219,7 @@ def key_slips(key: Mapping[str, Any]) -> list[Statement]:
                 if word in names:
                     continue
                 of["parameter"] = word
-                if near := get_close_matches(word, names, n=1):
+                if near := near_words(word, names, alike=NEAR.offered):
                     out.append(Statement.of(EventCode.NEAR_PARAMETER, **of, near=near[0]))
                 else:
                     out.append(Statement.of(EventCode.UNKNOWN_PARAMETER, **of, known=names))

@@ -36,6 +36,7 @@ class TrialConstants:
         calm: looks in a row that find the body at rest, as it may pause for one where it turns
             back.
         slow: speed below which it is at rest [m/s], [rad/s].
+        series_interval: of the series, where none is asked for [s].
     """
 
     fallen: float = 1.2
@@ -48,6 +49,7 @@ class TrialConstants:
     look: float = 0.05
     calm: int = 5
     slow: float = 3e-3
+    series_interval: float = 0.02
 
 
 TRIAL = TrialConstants()
@@ -74,7 +76,7 @@ class Response:
     orientation: Array
 
 
-def run_trial(situation: Situation, *, series_interval: float = 0.02) -> Response:
+def run_trial(situation: Situation, *, series_interval: float = TRIAL.series_interval) -> Response:
     """Simulate one trial.
 
     Args:

@@ -22,10 +22,12 @@ class HullConstants:
     Attributes:
         flat: height above the lowest point up to which points are of the base [m].
         reach: share of the height below which points can touch the table.
+        level: share of the mass centre's height up to which points are of the base.
     """
 
     flat: float = 1e-3
     reach: float = 0.5
+    level: float = 1e-3
 
 
 HULL = HullConstants()
@@ -53,7 +55,7 @@ class Body:
     @property
     def base(self) -> Array:
         """Corners of the base along x and y, shape (n, 2) [m]."""
-        return self.points[self.points[:, 2] < 1e-3 * self.center[2], :2]
+        return self.points[self.points[:, 2] < HULL.level * self.center[2], :2]
 
     @property
     def half_width(self) -> float:

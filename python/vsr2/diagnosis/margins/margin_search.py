@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.library import GAIN
+from vsr2.diagnosis.simulated.scene_simulator import KEPT_MOTIONS, KEPT_SCENES
 from vsr2.diagnosis.simulated.simulator import Effects, Request
 
 Array = NDArray[np.float64]
@@ -88,6 +89,27 @@ def search_margins(overturns: Overturns, guess: Array) -> Array:
     return np.where(state == _State.FOUND, out, np.nan).reshape(shape)
 
 
+def _parts(of_scene: NDArray[np.int64]) -> list[NDArray[np.int64]]:
+    """Margins that are sought together.
+
+    They are so few that the simulator still keeps what it made of their scenes and motions when
+    they are asked for again.
+    """
+    parts: list[NDArray[np.int64]] = []
+    held = KEPT_SCENES
+    for scene in np.unique(of_scene).tolist():
+        rows = np.flatnonzero(of_scene == scene)
+        for start in range(0, rows.size, KEPT_MOTIONS):
+            own = rows[start : start + KEPT_MOTIONS]
+            if held < KEPT_SCENES and parts[-1].size + own.size <= KEPT_MOTIONS:
+                parts[-1] = np.concatenate([parts[-1], own])
+                held += 1
+            else:
+                parts.append(own)
+                held = 1
+    return parts
+
+
 def scene_margins(
     cache: SimulationCache,
     scenes: Sequence[tuple[int, Effects]],
@@ -106,7 +128,7 @@ def scene_margins(
         progress: called with the share that is done.
     """
     of_scene, of_trial = np.nonzero(asked)
-    done = 0
+    total, done, before = of_scene.size, 0, 0
 
     def overturns(rows: NDArray[np.int64], logs: Array) -> Array:
         nonlocal done
@@ -114,17 +136,22 @@ def scene_margins(
         def report(finished: int, _: int) -> None:
             if progress is not None:
                 # As if each margin that is open needed two more simulations.
-                progress((done + finished) / (done + finished + 2 * rows.size))
+                share = (done + finished) / (done + finished + 2 * rows.size)
+                progress((before + share * part.size) / total)
 
         requests = []
-        for row, log in zip(rows.tolist(), logs.tolist(), strict=True):
+        for row, log in zip(part[rows].tolist(), logs.tolist(), strict=True):
             nuisance, effects = scenes[of_scene[row]]
-            scaled = ((GAIN, (float(np.expm1(log)),)),) if log else ()
-            requests.append(Request(int(of_trial[row]), (*effects, *scaled), nuisance, 1))
+            scaled = (GAIN, (float(np.expm1(log)),))
+            requests.append(Request(int(of_trial[row]), (*effects, scaled), nuisance, 1))
         found = cache.run(requests, progress=report)
         done += rows.size
         return np.asarray(found.overturned)
 
-    out = np.full(guess.shape, np.nan)
-    out[asked] = search_margins(overturns, guess[asked])
-    return out
+    out, guesses = np.full(total, np.nan), guess[asked]
+    for part in _parts(of_scene):
+        out[part] = search_margins(overturns, guesses[part])
+        done, before = 0, before + part.size
+    found = np.full(guess.shape, np.nan)
+    found[asked] = out
+    return found

@@ -19,8 +19,8 @@ from vsr2.diagnosis.simulated.nuisances import (
 )
 from vsr2.effects import Effect, effect
 from vsr2.effects import library as known_effects
-from vsr2.effects.parameter import near
 from vsr2.errors import DiagnosisError
+from vsr2.near_words import offer
 
 
 @dataclass(frozen=True)
@@ -95,7 +95,7 @@ class Hypotheses:
         unknown = sorted(set(self.exclude) - set(out))
         if unknown:
             raise DiagnosisError(
-                f"exclude: there is no effect {unknown[0]!r}; {near(unknown[0], list(out))}"
+                f"exclude: there is no effect {unknown[0]!r}; {offer(unknown[0], list(out))}"
             )
         return out
 

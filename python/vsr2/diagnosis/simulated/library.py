@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from functools import lru_cache
 from typing import Final
@@ -120,4 +121,4 @@ def is_angle(parameter: Parameter) -> bool:
 
 def turn_of(parameter: Parameter) -> float:
     """A full turn in the parameter's unit; 0 where it is no angle."""
-    return {"degree": 360.0, "rad": 6.283185307179586}.get(parameter.unit, 0.0)
+    return {"degree": 360.0, "rad": 2 * math.pi}.get(parameter.unit, 0.0)

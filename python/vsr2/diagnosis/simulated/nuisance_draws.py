@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Sequence
 
 import numpy as np
 from numpy.typing import NDArray
@@ -10,10 +10,11 @@ from numpy.typing import NDArray
 from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope, correlated
 from vsr2.diagnosis.simulated.simulator import nuisance_normal
 from vsr2.effects import Effect, each_with_effects, in_order, with_effect
+from vsr2.effects.apply import ByTrial, MadeEarlier, Values
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
-Given = tuple[Effect, dict[str, float]]
+Given = tuple[Effect, Values]
 
 
 class NuisanceDraws:
@@ -68,7 +69,8 @@ class NuisanceDraws:
         nuisance: int,
         replicate: int,
         wanted: Collection[int],
-        caused: Sequence[tuple[Effect, Mapping[str, float]]] = (),
+        caused: Sequence[Given] = (),
+        made: MadeEarlier | None = None,
     ) -> Iterator[tuple[int, Trial]]:
         """The wanted trials with what acts in all of them: nuisances, and given effects.
 
@@ -82,7 +84,8 @@ class NuisanceDraws:
             nuisance: index of the draw; 0: none.
             replicate: of what belongs to single trials; 0 and below: nothing is drawn.
             wanted: indices of trials.
-            caused: effects with complete values.
+            caused: effects with complete values, those of all trials or those of each.
+            made: as of :func:`each_with_effects`.
         """
         parts = [self._seed, nuisance, abs(replicate), replicate < 0]
         seed = int(np.random.SeedSequence(parts).generate_state(1, np.uint64)[0])
@@ -91,7 +94,7 @@ class NuisanceDraws:
         given.sort(key=lambda pair: ranks[pair[0].name])
         return each_with_effects(
             trials, given, relative_order=self._order, sessions=self._sessions, seed=seed,
-            only=wanted,
+            only=wanted, made=made,
         )  # fmt: skip
 
     def _acting(
@@ -99,7 +102,7 @@ class NuisanceDraws:
         first: Trial,
         nuisance: int,
         replicate: int,
-        caused: Sequence[tuple[Effect, Mapping[str, float]]],
+        caused: Sequence[Given],
     ) -> list[Given]:
         """Nuisances, then the given effects, which relative nuisances multiply."""
         drawn: list[tuple[Nuisance, float]] = []
@@ -108,13 +111,19 @@ class NuisanceDraws:
             drawn += zip(self._wide, draws.tolist(), strict=True)
         if replicate > 0:
             drawn += [(one, 0.0) for one in self._by_effect]
-        given = [(effect, dict(values)) for effect, values in caused]
-        causes = {effect.name: values for effect, values in given}
-        acting: dict[str, Given] = {}
+        causes: dict[str, list[dict[str, float]]] = {}
+        given: list[Given] = []
+        for effect, values in caused:
+            own = values if isinstance(values, ByTrial) else {0: values}
+            copied = {i: dict(one) for i, one in own.items()}
+            causes[effect.name] = list(copied.values())
+            given.append((effect, ByTrial(copied) if own is values else copied[0]))
+        acting: dict[str, tuple[Effect, dict[str, float]]] = {}
         for one, z in drawn:
             effect, values = one.acting, one.values(z)
             if one.relative and effect.name in causes:
-                causes[effect.name][one.parameter] *= values[one.parameter]
+                for cause in causes[effect.name]:
+                    cause[one.parameter] *= values[one.parameter]
                 continue
             if one.relative:
                 values[one.parameter] *= effect.nominal(first)[one.parameter]

@@ -18,9 +18,9 @@ from numpy.typing import NDArray
 
 from vsr2.effects import Circumstances, Effect, Parameter
 from vsr2.effects import library as known_effects
-from vsr2.effects.parameter import near
 from vsr2.errors import DiagnosisError
 from vsr2.motion.processing import differentiate
+from vsr2.near_words import offer
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
@@ -150,12 +150,12 @@ def distribution(content: Mapping[str, Any], more: Collection[str] = ()) -> Dist
     name = content.get("distribution")
     kind = DISTRIBUTIONS.get(name) if isinstance(name, str) else None
     if kind is None:
-        raise DiagnosisError(f"distribution is {name!r}; {near(str(name), [*DISTRIBUTIONS])}")
+        raise DiagnosisError(f"distribution is {name!r}; {offer(str(name), [*DISTRIBUTIONS])}")
     given = {key: value for key, value in content.items() if key not in ("distribution", *more)}
     numbers = {one.name: one.default is MISSING for one in fields(kind)}
     for key, value in given.items():
         if key not in numbers:
-            raise DiagnosisError(f"{key}: no number of {name}; {near(key, [*numbers, *more])}")
+            raise DiagnosisError(f"{key}: no number of {name}; {offer(key, [*numbers, *more])}")
         _number(key, value)
     for key, needed in numbers.items():
         if needed and key not in given:
@@ -324,7 +324,7 @@ class Nuisance:
         known = {**known_effects(), **OWN_EFFECTS}
         if self.effect not in known:
             raise DiagnosisError(
-                f"nuisance: there is no effect {self.effect!r}; {near(self.effect, [*known])}"
+                f"nuisance: there is no effect {self.effect!r}; {offer(self.effect, [*known])}"
             )
         return known[self.effect]
 
@@ -379,7 +379,7 @@ class Nuisance:
         scopes = [str(one) for one in Scope]
         scope = text["scope"] or Scope.CAMPAIGN
         if scope not in scopes:
-            raise DiagnosisError(f"scope is {scope!r}; {near(scope, scopes)}")
+            raise DiagnosisError(f"scope is {scope!r}; {offer(scope, scopes)}")
         name, parameter = text["effect"], text["parameter"]
         usual = _usual(name, parameter)
         relative = content.get("relative", usual is not None and usual.relative)

@@ -6,7 +6,7 @@ import hashlib
 import logging
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +24,7 @@ from vsr2.diagnosis.observed.features import (
 )
 from vsr2.diagnosis.observed.observations import series_sampling
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.nuisance_draws import NuisanceDraws
+from vsr2.diagnosis.simulated.nuisance_draws import Given, NuisanceDraws
 from vsr2.diagnosis.simulated.scene_effects import SceneEffects
 from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
@@ -36,6 +36,7 @@ from vsr2.diagnosis.simulated.simulator import (
     Responses,
 )
 from vsr2.effects import Effect, in_order, with_effects
+from vsr2.effects.apply import ByTrial, MadeEarlier, sees_motion
 from vsr2.effects.own_code import own_code
 from vsr2.errors import DiagnosisError, GeometryError, Vsr2Error
 from vsr2.motion import Motion, Record, build_recorded_motion
@@ -54,6 +55,10 @@ _logger = logging.getLogger(__name__)
 HYPOTHESES = Hypotheses()
 """All registered effects, and the default nuisances."""
 OF_RECORDS = SingleRecording | AllRecordings
+KEPT_SCENES = 2
+"""Scenes of which it is kept what effects made of bodies and motions: those asked for last."""
+KEPT_MOTIONS = 128
+"""Trials of each whose motions are kept."""
 
 
 class SceneSimulator:
@@ -115,6 +120,7 @@ class SceneSimulator:
         self._sessions = [trial.session for trial in campaign.trials]
         motions = [trial.motion for trial in campaign.trials]
         self._draws = NuisanceDraws(self.nuisances, self._order, self._sessions, motions, seed)
+        self._earlier: dict[_Scene, MadeEarlier] = {}
         self.nuisance_names = self._draws.names
         self._own_effects = SceneEffects(study, self._order, self._sessions)
         self._own_effects.check(self.nuisances)
@@ -229,33 +235,66 @@ class SceneSimulator:
         """
         from vsr2.simulation import check_trials
 
-        groups: dict[tuple[Effects, int, int], dict[int, list[int]]] = {}
-        for i, request in enumerate(requests):
-            key = (request.effects, request.nuisance, request.replicate)
-            groups.setdefault(key, {}).setdefault(request.trial, []).append(i)
-        for (effects, nuisance, replicate), members in groups.items():
+        for scene, members in self._alike(requests):
             try:
-                for index, trial in self._built(effects, nuisance, replicate, members):
+                for index, trial in self._built(scene, members):
                     check_trials([trial])
-                    for i in members[index]:
+                    for i in members[index].requests:
                         asked.append(i)
                         yield trial
             except GeometryError as error:
                 # Together, effects may leave nothing of a rock: this draw has no outcome.
-                _logger.warning("%s of nuisances %d: %s", effects, nuisance, error)
-                without += [i for same in members.values() for i in same]
+                _logger.warning("%s of nuisances %d: %s", scene.effects, scene.nuisance, error)
+                without += [i for same in members.values() for i in same.requests]
 
-    def _built(
-        self, effects: Effects, nuisance: int, replicate: int, wanted: Collection[int]
-    ) -> Iterator[tuple[int, Trial]]:
+    def _alike(self, requests: Sequence[Request]) -> Iterator[tuple[_Scene, dict[int, _Member]]]:
+        """Requests of one scene, by the trial; what they share is then made once.
+
+        Trials may differ in the numbers of effects that act on their motion, as they do where
+        margins are sought. A trial that is asked for with several of these comes again.
+        """
+        groups: dict[_Scene, list[dict[int, _Member]]] = {}
+        for i, request in enumerate(requests):
+            own = tuple(one for one in request.effects if sees_motion(self.library[one[0]]))
+            shared = tuple(one for one in request.effects if one not in own)
+            names = tuple(name for name, _ in own)
+            scene = _Scene(shared, names, request.nuisance, request.replicate)
+            passes = groups.setdefault(scene, [])
+            for members in passes:
+                member = members.setdefault(request.trial, _Member(own, []))
+                if member.effects == own:
+                    break
+            else:
+                member = _Member(own, [])
+                passes.append({request.trial: member})
+            member.requests.append(i)
+        for scene, passes in groups.items():
+            for members in passes:
+                yield scene, members
+
+    def _built(self, scene: _Scene, members: Mapping[int, _Member]) -> Iterator[tuple[int, Trial]]:
         """The wanted trials with nuisances and effects in them, one after another."""
-        caused = []
-        for name, numbers in effects:
-            effect = self.library[name]
-            pairs = zip(effect.parameters, numbers, strict=True)
-            caused.append((effect, {p.name: value for p, value in pairs}))
-        base = self._perturbed(nuisance, replicate, wanted)
-        return self._draws.applied(base, self._first, nuisance, replicate, wanted, caused)
+        caused: list[Given] = [self._given(*one) for one in scene.effects]
+        for k, name in enumerate(scene.by_trial):
+            own = {i: self._given(*one.effects[k])[1] for i, one in members.items()}
+            caused.append((self.library[name], ByTrial(own)))
+        base = self._perturbed(scene.nuisance, scene.replicate, members)
+        return self._draws.applied(
+            base, self._first, scene.nuisance, scene.replicate, members, caused, self._kept(scene)
+        )
+
+    def _kept(self, scene: _Scene) -> MadeEarlier:
+        """What was made of a scene; that of those asked for last stays."""
+        key = scene._replace(by_trial=())
+        made = self._earlier[key] = self._earlier.pop(key, MadeEarlier(KEPT_MOTIONS))
+        if len(self._earlier) > KEPT_SCENES:
+            del self._earlier[next(iter(self._earlier))]
+        return made
+
+    def _given(self, name: str, numbers: tuple[float, ...]) -> tuple[Effect, dict[str, float]]:
+        effect = self.library[name]
+        pairs = zip(effect.parameters, numbers, strict=True)
+        return effect, {p.name: value for p, value in pairs}
 
     def _nominal(self, nuisance: int, replicate: int, wanted: Collection[int]) -> list[Trial]:
         """Trials of the scene with its effects, or of a numerical variant of it.
@@ -286,6 +325,33 @@ class SceneSimulator:
             turned = multiply(yaw_quaternion(shift), start.orientation)
             out[i] = replace(trial, start=Pose((x + shift, y + shift, z), turned))
         return self._draws.with_own(out, nuisance, replicate, wanted)
+
+
+class _Scene(NamedTuple):
+    """What requests have in common.
+
+    Attributes:
+        effects: that act in all of them, with values.
+        by_trial: names of further effects, whose values belong to each request.
+        nuisance, replicate: as of :class:`Request`.
+    """
+
+    effects: Effects
+    by_trial: tuple[str, ...]
+    nuisance: int
+    replicate: int
+
+
+class _Member(NamedTuple):
+    """Requests of one simulation of a trial.
+
+    Attributes:
+        effects: those of `_Scene.by_trial`, with the trial's own values.
+        requests: their indices.
+    """
+
+    effects: Effects
+    requests: list[int]
 
 
 def _numbers(request: Request) -> tuple[int, int, int, int]:

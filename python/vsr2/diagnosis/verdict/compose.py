@@ -180,8 +180,8 @@ def _estimate(parameter: Parameter, values: Array) -> dict[str, Any]:
     known = 1 / values if inverse else values
     if is_angle(parameter):
         known = unrolled(known, parameter.lower, parameter.upper)
-    low, high = INTERVALS.ends
-    low, least, middle, most, high = np.quantile(known, [low, 0.05, 0.5, 0.95, high])
+    quantiles = [INTERVALS.ends[0], INTERVALS.inner[0], 0.5, INTERVALS.inner[1], INTERVALS.ends[1]]
+    low, least, middle, most, high = np.quantile(known, quantiles)
     found = {"mean": float(known.mean()), "median": float(middle)}
     ends = {"ci90": [float(least), float(most)], "ci95": [float(low), float(high)]}
     if inverse:

@@ -1,0 +1,55 @@
+"""Words that a mistyped one most likely means."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+
+
+@dataclass(frozen=True)
+class NearWords:
+    """How alike a word is that may be meant, by difflib's share of equal letters; by hand.
+
+    Attributes:
+        alike: of one word that is named as meant.
+        slip: where a word that is no slip is as likely: names of files, effects of other libraries.
+        offered: of several words that are offered, and of one that begins with the same letter.
+        longest: letters of a word that are looked at; the search is quadratic in them.
+    """
+
+    alike: float = 0.75
+    slip: float = 0.8
+    offered: float = 0.6
+    longest: int = 255
+
+
+NEAR = NearWords()
+
+
+def near_words(
+    word: str, known: Iterable[str], *, most: int = 1, alike: float = NEAR.alike
+) -> list[str]:
+    """At most so many of the known words that are alike, the nearest first."""
+    return difflib.get_close_matches(word[: NEAR.longest], known, n=most, cutoff=alike)
+
+
+def nearest(word: str, choices: Iterable[str]) -> str | None:
+    """The choice that `word` most likely means; camelCase (as in ROS 2 files) is understood."""
+    plain = {choice.replace("_", "").lower(): choice for choice in choices}
+    word = word[: NEAR.longest].replace("_", "").lower()
+    near = near_words(word, plain)
+    # A shorter word says less by its share of equal letters; its start and end say more.
+    near = near or [name for name in plain if len(word) > 2 and name.startswith(word)]
+    near = near or [
+        name for name in near_words(word, plain, most=3, alike=NEAR.offered) if name[0] == word[0]
+    ]
+    return plain[near[0]] if near else None
+
+
+def offer(word: str, known: Sequence[str]) -> str:
+    """A remedy that names what `word` was probably meant to be."""
+    close = near_words(word, known, most=3, alike=NEAR.offered)
+    if close:
+        return f"did you mean {' or '.join(f'`{name}`' for name in close)}?"
+    return f"known are {', '.join(sorted(known))}"
