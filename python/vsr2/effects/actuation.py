@@ -269,11 +269,8 @@ class InputChannel(Effect):
         x, rate = passed(np.stack([motion.displacement, motion.velocity]))
         path = LazyPath(x, rate, lambda: passed(motion.acceleration[None])[0])
         note = f"gain {1 + low:.12g} below {corners[0][1]:g} Hz, {1 + high:.12g} above "
-        size = path.displacement.size
-        return _driven(
-            trial, path, f"{note}{corners[1][1]:g} Hz",
-            lambda side: _held(_late_side(side, pad), size),
-        )  # fmt: skip
+        note += f"{corners[1][1]:g} Hz"
+        return _driven(trial, path, note, lambda side: _held(_late_side(side, pad), x.size))
 
 
 def _below(signal: Array, corner: float, step: float) -> Array:

@@ -256,9 +256,9 @@ class SceneSimulator:
         groups: dict[_Scene, list[dict[int, _Member]]] = {}
         for i, request in enumerate(requests):
             own = tuple(one for one in request.effects if sees_motion(self.library[one[0]]))
-            shared = tuple(one for one in request.effects if one not in own)
+            common = tuple(one for one in request.effects if one not in own)
             names = tuple(name for name, _ in own)
-            scene = _Scene(shared, names, request.nuisance, request.replicate)
+            scene = _Scene(common, names, request.nuisance, request.replicate)
             passes = groups.setdefault(scene, [])
             for members in passes:
                 member = members.setdefault(request.trial, _Member(own, []))
