@@ -31,11 +31,12 @@ UNTUNED: dict[str, set[str]] = {
         "motion/recording.py:METRES_PER_VOLT", "scene/build.py:CONTACT_POINTS",
     },
     "numbers that stand for names": {
-        "cli/entry.py:INTERRUPTED, TERMINATED",
+        "blind/custodian/bullet_engine.py:_SCENE_EFFECTS", "cli/entry.py:INTERRUPTED, TERMINATED",
         "diagnosis/coverage/planted_campaigns.py:FIRST",
         "diagnosis/simulated/campaigns.py:FIRST_NUISANCE",
         "diagnosis/simulated/simulator.py:HALF_STEP, FINE_SOLVER",
         "diagnosis/simulated/simulator.py:PERTURBED", "simulation/batch.py:_LOST, _COMPLETE",
+        "simulation/effect_checks.py:_HULL",
     },
     "convention": {
         "config/section.py:DEFAULT_TIME_STEP", "diagnosis/coverage/coverage_scores.py:LEVELS",

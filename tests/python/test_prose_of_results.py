@@ -39,6 +39,7 @@ ELSEWHERE = {
     "diagnosis/simulated/nuisances.py:": "meaning of a nuisance",
     "effects/": "meaning of an effect, and a motion's description of what changed it",
     "motion/": "a motion's description: what it was made of, as its files carry it",
+    "near_words.py:": "remedies of a mistyped word",
     "results/atomic.py:_REMEDY": "a remedy",
     "results/journal.py:_KIND": "faults of a store",
     "results/result.py:_columns": "meaning of a column",

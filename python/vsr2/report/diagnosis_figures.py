@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsr2.diagnosis.observed.features import Phase
 from vsr2.diagnosis.where.scan import SCAN, LocationKind
+from vsr2.report.messages.figure_titles import NO_MEASURES
 from vsr2.report.messages.verdicts import location, phase
 from vsr2.report.pages import plain
 from vsr2.report.panels import legend_below, scale_axis, sheet, tooltip
@@ -144,7 +145,7 @@ def map_figure(rows: Rows) -> Figure:
     panel.set_ylabel("PGV/PGA [s]")
     if not known:
         panel.set_axis_off()
-        panel.text(0.5, 0.5, "no trial has intensity measures", ha="center")
+        panel.text(0.5, 0.5, NO_MEASURES, ha="center")
         return figure
     labels = set()
     for row in sorted(known, key=_extra):

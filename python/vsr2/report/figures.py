@@ -10,7 +10,12 @@ from numpy.typing import NDArray
 
 from vsr2.analysis import Tracking, tracking
 from vsr2.errors import ResultError
-from vsr2.one_line import counted
+from vsr2.report.messages.figure_titles import (
+    EQUAL_MOTION,
+    SHOWN_AS_NONE,
+    tracking_title,
+    trials_title,
+)
 from vsr2.report.panels import legend_below, scale_where_wide, sheet
 from vsr2.report.text import printable
 from vsr2.results import OUTCOMES, BatchResult, Outcome, TrialLog
@@ -36,9 +41,6 @@ OUTCOME_STYLE: dict[str, dict[str, Any]] = {
 
 MAX_FREQUENCY = 50.0
 """Upper end of the frequency axis of `tracking_figure` [Hz]; ground motion has little beyond."""
-
-SHOWN_AS_NONE = 1e-9
-"""Errors below this are shown as none: they are rounding [m]."""
 
 
 def time_histories(log: TrialLog, title: str = "") -> Figure:
@@ -119,8 +121,7 @@ def overturning_diagram(result: BatchResult) -> Figure:
     panel.set_xlabel("PGV/PGA [s]")
     panel.set_ylabel("PGA [g]")
     left_out = len(result) - int(shown.sum())
-    note = f", {left_out} more not run" if left_out else ""
-    panel.set_title(f"{counted(int(shown.sum()), 'trial')}{note}")
+    panel.set_title(trials_title(int(shown.sum()), left_out))
     if shown.any():
         legend_below(figure, 3)
     return figure
@@ -177,7 +178,7 @@ def _tracking_column(panels: NDArray[Any], log: TrialLog, found: Tracking, title
     if len(panels) == 2:
         position.set_xlabel("time [s]")
         power = panels[1]
-        power.set_title("actual and commanded motion are equal", fontsize="small")
+        power.set_title(EQUAL_MOTION, fontsize="small")
     else:
         _error_panel(panels[1], time[shown], (actual - command)[shown], found)
         power = panels[2]
@@ -192,11 +193,7 @@ def _error_panel(
     panel: Axes, time: NDArray[np.float64], error: NDArray[np.float64], found: Tracking
 ) -> None:
     panel.plot(time, 1e3 * error, color=BLUE, linewidth=0.9)
-    panel.set_title(
-        f"peak {_millimetres(found.peak_error)}, rms {_millimetres(found.rms_error)}, "
-        f"{_lag_text(found.lag)}",
-        fontsize="small",
-    )
+    panel.set_title(tracking_title(found), fontsize="small")
     panel.set_xlabel("time [s]")
     if found.peak_error < SHOWN_AS_NONE:
         panel.set_ylim(-1e-3, 1e-3)
@@ -233,14 +230,3 @@ def _power_panel(
     panel.legend(loc="best", fontsize="small")
     # Below this the command is leakage and rounding, and gain and phase are not shown either.
     panel.set_ylim(1e-6 * peak, 10 * peak)
-
-
-def _millimetres(length: float) -> str:
-    return f"{0.0 if length < SHOWN_AS_NONE else 1e3 * length:.3g} mm"
-
-
-def _lag_text(lag: float) -> str:
-    if np.isnan(lag):
-        return "no lag"
-    milliseconds = 0.0 if abs(lag) < 1e-9 else 1e3 * lag
-    return f"{abs(milliseconds):.3g} ms {'early' if milliseconds < 0 else 'late'}"

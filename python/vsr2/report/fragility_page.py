@@ -10,11 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.fragility.fit import FragilityFit
 from vsr2.fragility.run import FragilityResult
-from vsr2.fragility.settings import MEASURE_LABELS, MEASURES
+from vsr2.fragility.settings import MEASURE_LABELS
 from vsr2.one_line import counted
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
+from vsr2.report.messages.figure_titles import curve_title
 from vsr2.report.messages.runs import fit_caveats, fit_note
 from vsr2.report.pages import render
 from vsr2.report.panels import legend_below, scale_where_wide, sheet, write_page
@@ -147,21 +147,9 @@ def curve_figure(result: FragilityResult, name: str) -> Figure:
     panel.set_ylim(-0.06, 1.06)
     panel.set_xlabel(MEASURE_LABELS[name])
     panel.set_ylabel("probability of overturning [1]")
-    panel.set_title(_curve_title(fit), fontsize="small")
+    panel.set_title(curve_title(fit), fontsize="small")
     legend_below(figure, 3, size="x-small")
     return figure
-
-
-def _curve_title(fit: FragilityFit) -> str:
-    if fit.lognormal is None:
-        return fit_note(fit)
-    found = fit.lognormal
-    unit = MEASURES[fit.names[0]][1]
-    text = f"median {found.median:.3g} {unit} ({found.median_lower:.3g} to "
-    text += f"{found.median_upper:.3g}), $\\beta$ {found.beta:.2g}"
-    if fit.separated:
-        text += "; outcomes separated"
-    return text if found.fits else text + "; not lognormal"
 
 
 def observed_shares(values: Array, overturned: NDArray[np.bool_]) -> tuple[Array, Array, Array]:

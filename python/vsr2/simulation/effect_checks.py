@@ -105,6 +105,8 @@ class CheckConstants:
 
 
 CHECK = CheckConstants()
+_HULL = 1
+"""Stream of a hull's perturbation, beside that of its start."""
 
 
 @dataclass(frozen=True)
@@ -411,7 +413,7 @@ def _jittered(trial: Trial, seed: int) -> Trial:
     """The trial with the points of its hulls perturbed; seed 0 is the trial itself."""
     if not seed:
         return trial
-    rng = np.random.default_rng([seed, 1])
+    rng = np.random.default_rng([seed, _HULL])
     parts = [
         Hull(part.points + CHECK.jitter * rng.standard_normal(part.points.shape))
         if isinstance(part, Hull)

@@ -51,6 +51,9 @@ class BulletConstants:
 
 BULLET_ENGINE = BulletConstants()
 
+_SCENE_EFFECTS = 1
+"""Stream of what the scene's own effects draw, beside a drawn effect of the same name."""
+
 
 class BulletEngine:
     """Trials of a study on the native core; effects are those of `vsr2.effects`.
@@ -190,8 +193,7 @@ class BulletEngine:
             )
             for i, one in enumerate(inputs)
         ]
-        # Draws of their own beside a drawn effect of the same name.
-        draws = np.random.SeedSequence([inputs[0].context.campaign_seed, 1])
+        draws = np.random.SeedSequence([inputs[0].context.campaign_seed, _SCENE_EFFECTS])
         return with_effects(
             trials,
             chosen(self._study.effects),

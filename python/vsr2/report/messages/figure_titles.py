@@ -1,0 +1,56 @@
+"""What the titles of figures say about results."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+from vsr2.one_line import counted
+from vsr2.report.messages.runs import fit_note
+
+if TYPE_CHECKING:
+    from vsr2.analysis import Tracking
+    from vsr2.fragility import FragilityFit
+
+SHOWN_AS_NONE = 1e-9
+"""Errors below this are shown as none: they are rounding [m]."""
+
+EQUAL_MOTION = "actual and commanded motion are equal"
+NO_MEASURES = "no trial has intensity measures"
+
+
+def trials_title(shown: int, left_out: int) -> str:
+    """How many trials a figure shows, and how many it cannot."""
+    return counted(shown, "trial") + (f", {left_out} more not run" if left_out else "")
+
+
+def tracking_title(found: Tracking) -> str:
+    """How well the pedestal followed its command."""
+    peak, rms = _millimetres(found.peak_error), _millimetres(found.rms_error)
+    return f"peak {peak}, rms {rms}, {_lag(found.lag)}"
+
+
+def _millimetres(length: float) -> str:
+    return f"{0.0 if length < SHOWN_AS_NONE else 1e3 * length:.3g} mm"
+
+
+def _lag(lag: float) -> str:
+    if math.isnan(lag):
+        return "no lag"
+    milliseconds = 0.0 if abs(lag) < 1e-9 else 1e3 * lag
+    return f"{abs(milliseconds):.3g} ms {'early' if milliseconds < 0 else 'late'}"
+
+
+def curve_title(fit: FragilityFit) -> str:
+    """The lognormal curve of a fit, and whether it may be believed."""
+    from vsr2.fragility.settings import MEASURES
+
+    if fit.lognormal is None:
+        return fit_note(fit)
+    found = fit.lognormal
+    unit = MEASURES[fit.names[0]][1]
+    text = f"median {found.median:.3g} {unit} ({found.median_lower:.3g} to "
+    text += f"{found.median_upper:.3g}), $\\beta$ {found.beta:.2g}"
+    if fit.separated:
+        text += "; outcomes separated"
+    return text if found.fits else text + "; not lognormal"
