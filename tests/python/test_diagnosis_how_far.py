@@ -24,6 +24,7 @@ from vsr2.diagnosis.how_far.negative_controls import recalibrated
 from vsr2.diagnosis.how_far.waterfall import FullInference, Waterfall, waterfall
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
 from vsr2.diagnosis.observed.observations import observe_campaign
+from vsr2.diagnosis.posterior.training import train
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.simulator import Responses
 
@@ -399,3 +400,31 @@ def test_each_of_two_causes_is_found_on_motions_not_seen(judged, monkeypatch) ->
     one, other = fall(), fall(seen=replace(seen, overturned=turned))
     np.testing.assert_array_equal(other.probability[first], one.probability[first])
     assert (other.probability != one.probability).any()
+
+
+def test_an_effect_that_no_campaign_had_is_neither_drawn_nor_judged(judged, monkeypatch) -> None:
+    """Few campaigns of many effects leave some out; the posterior still gives these a chance."""
+
+    def lacking(posterior):
+        known = posterior.parameters
+        rows, values = (
+            {name: own for name, own in one.items() if name != "wear"}
+            for one in (known.rows, known.values)
+        )
+        return replace(posterior, parameters=replace(known, rows=rows, values=values))
+
+    monkeypatch.setattr(
+        "vsr2.diagnosis.how_far.waterfall.train", lambda *a, **k: lacking(train(*a, **k))
+    )
+    seen, rehearsal = judged.seen(STRONG), judged.rehearsal
+    posterior, found = lacking(judged.posterior), rehearsal.infer(seen)
+    assert "wear" not in posterior.parameters.known
+    leads = posterior.sets.names[int(posterior.sets.marginal(found.probability).argmax())]
+    assert leads == "wear", "it is the likeliest, and the first to be judged and drawn"
+    falls = waterfall(
+        rehearsal.cache, seen, rehearsal.trials, rehearsal.campaigns,
+        FullInference(posterior, found), judged.judge(seen).losses[Loss.FLOOR],
+    )  # fmt: skip
+    assert falls.names
+    assert "wear" not in falls.names
+    assert np.isfinite(falls.losses).all()

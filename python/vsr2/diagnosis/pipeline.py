@@ -255,7 +255,7 @@ def _reference(campaign: Campaign, seen: Observations) -> Observations:
 def _judged(verdict: Verdict, posterior: Posterior) -> list[str]:
     """What is simulated again: of each cause the first effect that is named or leads."""
     names = [finding[0] for finding in verdict.findings]
-    return [name for name in names if name in posterior.parameters.rows]
+    return [name for name in names if name in posterior.parameters.known]
 
 
 @dataclass(eq=False)

@@ -131,7 +131,7 @@ def true_labels(sets: Sets, true: int) -> set[int]:
 def _ranks(posterior: Posterior, one: Planted, found: Found, seed: int) -> Iterator[RankOf]:
     rng = generator(seed, Stream.RANKS, one.row)
     for acting in one.acting:
-        if acting.name not in posterior.parameters.rows:
+        if acting.name not in posterior.parameters.known:
             continue
         effect = posterior.parameters.library[acting.name]
         samples = posterior.parameters.sample(acting.name, found.residuals, one.row)

@@ -182,6 +182,9 @@ def waterfall(
 ) -> Waterfall:
     """Judge the most probable effects one by one, on motions that were not seen.
 
+    An effect that acts in no simulated campaign is neither drawn nor judged: its parameters are not
+    known.
+
     Args:
         cache: of simulations.
         seen: the observed campaign.
@@ -195,8 +198,9 @@ def waterfall(
     posterior = full.posterior
     motion, outcome = seen.motion[trials], seen.overturned[trials]
     acts = posterior.sets.marginal(full.found.probability)
-    likely = np.argsort(-acts, kind="stable")[: WATERFALL.effects]
-    names = tuple(posterior.sets.names[k] for k in likely if acts[k] > 0)
+    known = posterior.parameters.known
+    likely = [posterior.sets.names[k] for k in np.argsort(-acts, kind="stable") if acts[k] > 0]
+    names = tuple(name for name in likely if name in known)[: WATERFALL.effects]
     group = motion_groups(motion, outcome)
     members: list[list[Effects]] = [[] for _ in trials]
     for k in np.unique(group):
@@ -242,7 +246,9 @@ def _drawn_sets(
         seen, campaigns.of_trials(known), full.posterior.parameters.library, own,
         most=full.posterior.sets.most, seed=seed,
     )  # fmt: skip
-    found = part.infer(seen.overturned[own], seen.features[own], full.excluded)
+    # What acts in no simulated campaign cannot be drawn: nothing is known of its parameters.
+    unknown = set(part.sets.names) - part.parameters.known
+    found = part.infer(seen.overturned[own], seen.features[own], unknown.union(full.excluded))
     rng = generator(seed, Stream.WATERFALL)
     chosen = rng.choice(found.probability.size, HELD_OUT.members, p=found.probability)
     library = part.parameters.library

@@ -68,6 +68,11 @@ class Parameters:
     rows: Mapping[str, NDArray[np.int64]]
     values: Mapping[str, Array]
 
+    @property
+    def known(self) -> frozenset[str]:
+        """Effects that act in a simulated campaign; of others there are no parameters to sample."""
+        return frozenset(self.rows)
+
     def sample(
         self,
         name: str,
@@ -79,7 +84,7 @@ class Parameters:
         """Samples of an effect's free parameters given one campaign, shape (samples, parameters).
 
         Args:
-            name: of the effect.
+            name: of the effect, one of `known`.
             residuals: of the campaign, shape (columns,).
             seed: of the draws.
             columns: of the residuals that are known; None: all.

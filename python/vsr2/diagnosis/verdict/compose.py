@@ -120,7 +120,7 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
     samples = {
         name: posterior.parameters.sample(name, found.residuals)
         for name in verdict.named
-        if name in posterior.parameters.rows
+        if name in posterior.parameters.known
     }
     return Diagnosis(content, tuple(table), samples)
 
@@ -163,7 +163,7 @@ def _effects(evidence: Evidence, excluded: set[str]) -> list[dict[str, Any]]:
 def _parameters(evidence: Evidence, name: str) -> dict[str, Any]:
     """Mean, mode and central intervals of the posterior given that the effect acts."""
     parameters = evidence.posterior.parameters
-    if name not in parameters.rows:
+    if name not in parameters.known:
         return {}
     samples = parameters.sample(name, evidence.found.residuals)
     return {
@@ -255,7 +255,7 @@ def _measurement(
         excess = np.array([row["loss_before"] - row["floor"] for row in table])
         outside = measurement_out_of_library(seen, np.nan_to_num(excess), evidence.where)
         return Measurement(MeasurementKind.OUT_OF_LIBRARY, out_of_library=outside)
-    members = [name for name in verdict.effects if name in posterior.parameters.rows]
+    members = [name for name in verdict.effects if name in posterior.parameters.known]
     return next_measurement(members, posterior, evidence.found, seen, evidence.trials)
 
 
