@@ -18,6 +18,7 @@ from cyclopts import App, CycloptsError
 import command_line
 from vsr2.cli.main import app, main
 from vsr2.diagnosis import Budget, Hypotheses, ProtocolCache
+from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.pipeline import Progress, Stage
 from vsr2.errors import BlindError, DiagnosisError
 from vsr2.report.messages.progress_lines import STAGES, ProgressLines
@@ -321,6 +322,55 @@ def test_diagnose_hands_budget_and_cache_on(
     assert asked["budget"] == Budget(campaigns=300, held_out=False)
     assert main([*line[:-2], "--budget-cpu-minutes", "3"]) == 2
     assert asked["budget"] == Budget(cpu_minutes=3.0)
+
+
+DIAGNOSE = ("diagnose", "folder", "--scene", "s.yaml", "--out", "out")
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        (
+            ("campaign", "causes", "s.yaml", "folder", "--posterior-draws", "3"),
+            "--posterior-draws: are written to a folder; add --out, or leave it out",
+        ),
+        (
+            (*DIAGNOSE, "--most-rounds", "2"),
+            "--most-rounds: only for rounds; add --iterate, or leave it out",
+        ),
+        (
+            (*DIAGNOSE, "--most-rounds", "2", "--check", "100"),
+            "--most-rounds: only for rounds; add --iterate, or leave it out",
+        ),
+        (
+            (*DIAGNOSE, "--waterfall", "--no-how-far"),
+            "--waterfall: does not go with --no-how-far; leave one of them out",
+        ),
+        (
+            (*DIAGNOSE, "--check", "100", "--iterate"),
+            "--check: does not go with --iterate; check the folder of one round, by --out",
+        ),
+        ((*DIAGNOSE, "--posterior-draws", "-2"), "posterior draws: -2; give 0 to 400"),
+    ],
+)
+def test_an_option_without_use_is_refused_before_anything_is_read(
+    line: tuple[str, ...], said: str, capsys: pytest.CaptureFixture[str]
+) -> None:
+    assert main(list(line)) == 2
+    assert said in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("line", [("diagnose",), ("blind", "diagnose")])
+def test_help_and_pages_say_how_many_campaigns_there_are_at_least(
+    line: tuple[str, ...], capsys: pytest.CaptureFixture[str]
+) -> None:
+    least = f"{SCHEDULE.fewest} at least"
+    assert main([*line, "--help"]) == 0
+    assert least in " ".join(capsys.readouterr().out.replace("│", " ").split())
+    for page in ("how-to/diagnose.md", "reference/command_line.md"):
+        text = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8")
+        [told] = [one for one in text.splitlines() if one.startswith(("- `--camp", "| `--camp"))]
+        assert least in told
 
 
 def test_diagnose_hands_references_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

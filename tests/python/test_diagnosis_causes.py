@@ -263,7 +263,7 @@ def test_the_strength_of_the_motion_can_be_left_out(campaign, monkeypatch) -> No
 def test_what_cannot_be_asked_is_refused_before_any_simulation(campaign) -> None:
     with pytest.raises(DiagnosisError, match=f"scenes is 3; give {SCENES.least} or more"):
         find_causes(campaign, scene(), scenes=3)
-    with pytest.raises(DiagnosisError, match="posterior draws: -1; give 1 to"):
+    with pytest.raises(DiagnosisError, match="posterior draws: -1; give 0 to 3000"):
         find_causes(campaign, scene(), posterior_draws=-1)
     with pytest.raises(DiagnosisError, match="seed is -1"):
         find_causes(campaign, scene(), seed=-1)

@@ -211,8 +211,9 @@ def test_files_load_and_run(tmp_path) -> None:
     assert set(lower) <= {float(f"{value:.6g}") for value in change}
     assert len(set(lower)) == len(lower)
     assert set(moved) <= {float(f"{-value:.6g}") for value in change}
-    with pytest.raises(DiagnosisError, match=f"give 1 to {SAMPLES}"):
+    with pytest.raises(DiagnosisError, match=f"give 0 to {SAMPLES}"):
         write_draws(found, study, tmp_path, SAMPLES + 1)
+    assert write_draws(found, study, tmp_path, 0) == []
 
 
 def test_draws_of_two_that_act_together_hold_both() -> None:

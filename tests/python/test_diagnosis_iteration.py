@@ -21,6 +21,7 @@ from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import effect, library
 from vsr2.errors import DiagnosisError
+from vsr2.report.messages.commands import iteration_table
 
 BOX = {
     "name": "box",
@@ -152,6 +153,17 @@ def test_rounds_end_where_they_are_asked_to(shaken, stub, tmp_path) -> None:
     assert (len(more.rounds), len(stub.calls)) == (2, 2)
     with pytest.raises(DiagnosisError, match="most rounds is 0"):
         iterate(shaken, scene(), tmp_path, most=0)
+
+
+def test_what_leads_a_gap_that_is_not_resolved_is_not_named(shaken, stub, tmp_path) -> None:
+    found = iterate(shaken, scene(), tmp_path)
+    last = found.rounds[-1].found.content
+    last["verdict"] |= {"kind": "unresolved", "effects": ["catch", "friction"]}
+    _, *rounds, ended = iteration_table(found).splitlines()
+    assert [one.split()[1:3] for one in rounds] == [
+        ["effect", "table_gain"], ["effect", "friction"], ["unresolved", "-"],
+    ]  # fmt: skip
+    assert ended == "the last round names nothing"
 
 
 @pytest.mark.parametrize(

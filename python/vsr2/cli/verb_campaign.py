@@ -12,7 +12,7 @@ from cyclopts import App, Parameter
 from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.campaign.campaign import MAX_NOISE
 from vsr2.cli import options as opt
-from vsr2.errors import CampaignError
+from vsr2.errors import CampaignError, ConfigError
 
 if TYPE_CHECKING:
     from vsr2.config import Study
@@ -250,7 +250,7 @@ class Attributing:
     Attributes:
         out: folder for tables, the corrected scene and simulations (default: nothing is written)
         scenes: whose margins are sought (default: 600)
-        posterior_draws: write so many scenes with a draw of the posterior each, too
+        posterior_draws: write so many scenes with a draw of the posterior each, too; needs --out
         seed: of all draws
         cache: folder of simulations that other searches of the campaign share
     """
@@ -295,6 +295,8 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     from vsr2.report.messages.progress_lines import ProgressLines
     from vsr2.report.messages.written import wrote
 
+    if options.posterior_draws and options.out is None:
+        raise ConfigError("--posterior-draws: are written to a folder; add --out, or leave it out")
     campaign = load_campaign(folder)
     study = opt.scene(scene, options.set)
     if options.out is not None:

@@ -53,9 +53,10 @@ class Effort:
         budget_minutes: wall time, training and judging included
         budget_cpu_minutes: processor time of all threads together in place of wall time
         simulations: so many at most instead of a time; more where the trials need more
-        campaigns: so many simulated campaigns, whatever they cost: equal numbers give equal
-            verdicts, and campaigns of one set-up share them
-        no_how_far: do not simulate again what is named, to say how far the gap shrinks
+        campaigns: so many simulated campaigns, 150 at least, whatever they cost: equal numbers give
+            equal verdicts, and campaigns of one set-up share them
+        no_how_far: do not simulate again what is named, to say how far the gap shrinks; not with
+            --waterfall
         waterfall: judge each of the likeliest causes, on motions that neither fit nor choice saw
         cache: folder of simulations and trained posteriors that campaigns of one set-up share
             (default: the output folder)
@@ -120,10 +121,10 @@ def diagnose(
     from vsr2.report.messages.commands import iteration_table
     from vsr2.report.messages.written import wrote
 
+    _refuse_without_use(effort)
     if effort.check is not None:
         return _check(campaign, scene, out, question, effort)
-    if effort.posterior_draws:
-        check_draws(effort.posterior_draws)
+    check_draws(effort.posterior_draws)
     measured, study = load_campaign(campaign).on_file(), opt.scene(scene, effort.set)
     opt.work_folder(out, WORK_FILES, "a diagnosis", effort)
     with opt.cluster(effort.scheduler, effort.threads) as client:
@@ -160,6 +161,22 @@ def diagnose(
     return 0
 
 
+def _refuse_without_use(effort: Effort) -> None:
+    """Refuse options that another one, or its lack, leaves without use.
+
+    Raises:
+        ConfigError: names them.
+    """
+    if effort.check is not None and effort.iterate:
+        raise ConfigError(
+            "--check: does not go with --iterate; check the folder of one round, by --out"
+        )
+    if effort.waterfall and effort.no_how_far:
+        raise ConfigError("--waterfall: does not go with --no-how-far; leave one of them out")
+    if effort.most_rounds is not None and not effort.iterate:
+        raise ConfigError("--most-rounds: only for rounds; add --iterate, or leave it out")
+
+
 def _hypotheses(question: QuestionOptions) -> Hypotheses:
     from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Hypotheses
@@ -194,10 +211,6 @@ def _check(
     from vsr2.report.messages.written import wrote
     from vsr2.report.posterior_check_figure import write_check_figure
 
-    if effort.iterate:
-        raise ConfigError(
-            "--check: does not go with --iterate; check the folder of one round, by --out"
-        )
     with opt.cluster(effort.scheduler, effort.threads) as client:
         found = check_posterior(
             campaign,

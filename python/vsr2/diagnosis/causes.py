@@ -215,8 +215,7 @@ def find_causes(
     used = used.select(np.isfinite(used.overturned))
     count = SCENES.usual if scenes is None else scenes
     _check(used, count, seed)
-    if posterior_draws:
-        check_draws(posterior_draws, SAMPLER.final)
+    check_draws(posterior_draws, SAMPLER.final)
     _check_priors(hypotheses)
     study = scene if isinstance(scene, Study) else load_study(scene)
     folder = None if out is None else made_folder(Path(out))

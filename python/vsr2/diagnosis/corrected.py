@@ -163,10 +163,10 @@ def check_draws(draws: int, most: int = PARAMETERS.samples) -> None:
     """Refuse a number of draws that no posterior has.
 
     Raises:
-        DiagnosisError: below 1, or more than there are samples.
+        DiagnosisError: below 0, or more than there are samples.
     """
-    if not 1 <= draws <= most:
-        raise DiagnosisError(f"posterior draws: {draws}; give 1 to {most}")
+    if not 0 <= draws <= most:
+        raise DiagnosisError(f"posterior draws: {draws}; give 0 to {most}")
 
 
 def _drawn(found: Diagnosis, study: Study, names: Sequence[str], k: int) -> Study | None:

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from vsr2._native import FastRefusal
 from vsr2.analysis.bootstrap import SCORES
 from vsr2.diagnosis.iteration import Ended
+from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.one_line import counted
 from vsr2.report.messages.agreement import FITTED, IDENTIFIABILITY
 from vsr2.report.messages.data import scene_note
@@ -137,9 +138,11 @@ def iteration_table(found: Iteration) -> str:
     rows = []
     for k, one in enumerate(found.to_json()["rounds"]):
         verdict, added = one["verdict"], one["corrected"] or {}
+        # Of a gap that is not resolved these are what leads, and nothing is named.
+        named = verdict["effects"] if VerdictKind(verdict["kind"]).names_effects else []
         rows.append(
             [
-                str(k + 1), verdict["kind"], ", ".join(verdict["effects"]) or "-",
+                str(k + 1), verdict["kind"], ", ".join(named) or "-",
                 f"{one['none_probability']:.2f}", _estimate(one["before"]), _estimate(one["floor"]),
                 "; ".join(f"{name}: {_values(values)}" for name, values in added.items()) or "-",
             ]
