@@ -57,6 +57,10 @@ def test_keys_may_lead_into_lists_and_overrides_into_parameters(study):
     [
         ("folds: 3", "fold: 3", r"study.yaml:14: fold: is no key here; did you mean `folds`\?"),
         ("folds: 3", "folds: 1", "folds: 1 leaves nothing to choose with"),
+        (
+            "folds: 3", "objective: logloss",
+            r"objective: must be mean_of_three or log_loss .*; did you mean log_loss\?",
+        ),
         ("campaign: truth", "campaign: nowhere", "no such folder .*nowhere"),
         ("refine: 3", "refined: 3", r"study.yaml:13: method.refined: .*did you mean `refine`\?"),
         ("kind: joint", "kind: jont", r"method.kind: must be .* \(is 'jont'\); did you mean joint"),

@@ -2,13 +2,15 @@
 
 import math
 import re
-from typing import get_args
+from enum import StrEnum
+from typing import Literal, get_args
 
 import pytest
 
 from vsr2._native import EngineKind, EngineMode
 from vsr2.config import study_from_mapping
 from vsr2.config.motion_source import Range
+from vsr2.config.section import Section
 from vsr2.config.study import Contact, Engine, Study
 from vsr2.errors import ConfigError
 
@@ -176,6 +178,30 @@ def test_refusals_name_key_value_and_remedy(sections, words):
     assert words in message
     # Pydantic's tags of unions (`rock.box.density`) are not keys of the user's.
     assert not re.search(r"\.(box|mesh|single_cosine|pose|yaw)\.", message)
+
+
+class Turn(StrEnum):
+    LEFT = "left"
+    BOTH = "left or right"
+
+
+class Chosen(Section):
+    one: Literal["it's, or not", "a or b", "c, d"] = "c, d"
+    some: tuple[Literal["x", "y"] | None, ...] = ()
+    turn: Turn | None = None
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"one": "a or c"}, "one: must be it's, or not, a or b or c, d (is 'a or c'); did you me"),
+        ({"some": ["x", "z"]}, "some[1]: must be x or y (is 'z')"),
+        ({"turn": "lef"}, "turn: must be left or left or right (is 'lef'); did you mean left?"),
+    ],
+)
+def test_choices_are_those_of_the_key_whatever_words_they_hold(given, words):
+    with pytest.raises(ConfigError, match=re.escape(words)):
+        Chosen(**given)
 
 
 def test_missing_sections_are_named_with_their_meaning():

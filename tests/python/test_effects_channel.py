@@ -151,11 +151,13 @@ def test_gains_act_on_any_motion_and_a_channel_that_is_not_there_is_refused() ->
     one = trial(record(acceleration=False))
     assert driven(one, high_gain=0.4).peak_acceleration > 1.1 * one.motion.peak_acceleration
     assert driven(EffectBench().block(), low_gain=-0.4).pgv < EffectBench().block().motion.pgv
-    for values, key in (({"crossover": 3.0}, "crossover"), ({"channel": "fused"}, "channel")):
-        with pytest.raises(MotionError, match=rf"input_channel\.{key}: fused cannot .* accelerat"):
-            driven(one, **values)
-        with pytest.raises(MotionError, match=rf"input_channel\.{key}: fused needs a recorded"):
-            driven(EffectBench().block(), **values)
+    for key, given in (("crossover", 3.0), ("channel", "fused")):
+        # The message begins with what the user wrote.
+        said = "crossover" if key == "crossover" else given
+        with pytest.raises(MotionError, match=rf"channel\.{key}: {said} cannot .* accelerat"):
+            driven(one, **{key: given})
+        with pytest.raises(MotionError, match=rf"channel\.{key}: {said} needs a recorded"):
+            driven(EffectBench().block(), **{key: given})
     with pytest.raises(ConfigError, match=r"input_channel\.channel: fused is one way to drive"):
         driven(trial(record()), channel="fused", crossover=3.0)
 

@@ -9,7 +9,7 @@ from typing import Any
 from pydantic import ValidationError
 from pydantic.fields import FieldInfo
 
-from vsr2.config.schema import Variants, all_sections, variants
+from vsr2.config.schema import Variants, all_sections, choices, variants
 from vsr2.config.section import Section
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath
@@ -130,9 +130,9 @@ def _translate(entry: dict[str, Any], root: type[Section]) -> Problem:
         if isinstance(value, Mapping) and not isinstance(value.get(held.tag_key), str):
             tag = value.get(held.tag_key)
         return Problem((*path, held.tag_key or ""), _not_one_of(tag, list(held.by_tag)))
-    if kind == "literal_error":
-        choices = context["expected"].replace(" or ", ", ").split(", ")
-        return Problem(path, _not_one_of(value, [choice.strip("'") for choice in choices]))
+    words = choices(field) if field else ()
+    if kind in ("literal_error", "enum") and words:
+        return Problem(path, _not_one_of(value, list(words)))
     if kind in ("model_type", "model_attributes_type"):
         return Problem(path, f"must hold {_keys(held, owner)} (is {shown(value)})")
     template = _PATTERNS.get(context.get("pattern", "")) or _EXPECTED.get(kind)
@@ -157,8 +157,10 @@ def _walk(
         if held is not None and held.named:
             section, held = held.by_tag[""], None
             continue
+        if isinstance(part, int):
+            continue  # A place in a list belongs to the key of the list.
         owner = section
-        field = section.model_fields.get(str(part)) if section else None
+        field = section.model_fields.get(part) if section else None
         held = variants(field) if field else None
         section = held.by_tag[""] if held and held.tag_key is None and not held.named else None
     return tuple(path), owner, field

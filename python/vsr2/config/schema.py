@@ -4,7 +4,8 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import Any, get_args, get_origin
+from enum import Enum
+from typing import Any, Literal, get_args, get_origin
 
 from pydantic.fields import FieldInfo
 
@@ -39,6 +40,11 @@ def variants(field: FieldInfo) -> Variants | None:
     if tag_key is None:
         return Variants(None, {"": sections[0]}, named=get_origin(field.annotation) is dict)
     return Variants(tag_key, {tag_of(section, tag_key): section for section in sections})
+
+
+def choices(field: FieldInfo) -> tuple[str, ...]:
+    """The words of which `field` takes one; none if it takes other values."""
+    return tuple(dict.fromkeys(_words(field.annotation)))
 
 
 def tag_of(section: type[Section], tag_key: str) -> str:
@@ -83,6 +89,16 @@ def extended_schema(own: type[Section], title: str) -> dict[str, Any]:
         "properties": {**study["properties"], **beside["properties"]},
         "required": sorted({*study["required"], *beside.get("required", ())}),
     }
+
+
+def _words(annotation: Any) -> Iterator[str]:
+    if get_origin(annotation) is Literal:
+        yield from map(str, get_args(annotation))
+    elif isinstance(annotation, type) and issubclass(annotation, Enum):
+        yield from (str(one.value) for one in annotation)
+    else:
+        for part in get_args(annotation):
+            yield from _words(part)
 
 
 def _sections(annotation: Any) -> Iterator[type[Section]]:

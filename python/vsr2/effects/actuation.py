@@ -286,16 +286,17 @@ def _from_record(
     """The trial under the motion that its record gives in another way."""
     motion, recorded = trial.motion, trial.motion.recorded
     key = f"effects.input_channel.{parameter}"
+    said = channel if parameter == "channel" else parameter  # What the study writes.
     if recorded is None:
         raise MotionError(
-            f"{channel} needs a recorded motion that no effect has changed yet, and "
+            f"{said} needs a recorded motion that no effect has changed yet, and "
             f"{motion.name!r} is none; leave it out, or apply it together with the other effects",
             key=key,
         )
     missing = recorded.record.lacking(channel)
     if missing:
         raise MotionError(
-            f"{channel} cannot be built for {motion.name!r}: {recorded.record.label} has no "
+            f"{said} cannot be built for {motion.name!r}: {recorded.record.label} has no "
             f"{missing} channel; leave it out, or name a channel of the record",
             key=key,
         )
@@ -303,7 +304,7 @@ def _from_record(
         built = other(recorded).motion(motion.time_step, name=motion.name)
     except MotionError as error:
         raise MotionError(
-            f"{channel} cannot be built for {motion.name!r}: {error}", key=key
+            f"{said} cannot be built for {motion.name!r}: {error}", key=key
         ) from error
     return trial.under(built)
 
