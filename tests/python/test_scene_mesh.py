@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import os
+import re
 import time
+import warnings
 from pathlib import Path
 
 import numpy as np
@@ -283,6 +285,35 @@ def test_files_that_are_none(tmp_path: Path) -> None:
     ]:
         with pytest.raises(GeometryError, match=message):
             load_mesh(path)
+
+
+@pytest.mark.parametrize("suffix", ["stl", "ply"])
+def test_a_number_that_is_cut_short_is_refused_and_not_read_in_part(
+    tmp_path: Path, suffix: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A vertex ends in `e`, of which a reader of numbers would take what stands before."""
+    box = trimesh.creation.box()
+    if suffix == "stl":
+        text = trimesh.exchange.stl.export_stl_ascii(box)
+        cut = re.sub(r"(?m)^(.*vertex .*)$(?![\s\S]*vertex)", r"\1e", text)
+    else:
+        text = trimesh.exchange.ply.export_ply(box, encoding="ascii").decode()
+        cut = re.sub(r"(end_header\n[^\n]*)", r"\1e", text)
+    assert len(cut) == len(text) + 1
+    assert len(load_mesh(write(tmp_path, text, f"whole.{suffix}")).mesh.faces) == 12
+    path = write(tmp_path, cut, f"cut.{suffix}")
+    with pytest.raises(GeometryError, match=f"not a valid {suffix.upper()}"):
+        load_mesh(path)
+    # numpy before 2.4 only warns of it, in words that are its own.
+    load = trimesh.load_mesh
+
+    def warning(*given: object, **options: object) -> object:
+        warnings.warn("the rest was left out", DeprecationWarning, stacklevel=2)
+        return load(*given, **options)
+
+    monkeypatch.setattr(trimesh, "load_mesh", warning)
+    with pytest.raises(GeometryError, match=f"not a valid {suffix.upper()} .the rest was left out"):
+        load_mesh(write(tmp_path, text, f"warned.{suffix}"))
 
 
 def test_sizes_are_bounded_before_memory_is_taken(

@@ -226,8 +226,9 @@ def _read_by_trimesh(path: Path, data: bytes) -> MeshFile:
     try:
         with warnings.catch_warnings(), np.errstate(all="ignore"):
             warnings.simplefilter("ignore")
-            # numpy only warns of text that is no number, and leaves the rest of the file unread.
-            warnings.filterwarnings("error", category=DeprecationWarning, message=".*unmatched")
+            # numpy before 2.4 only warns of text that is no number, and leaves the rest of the file
+            # unread. The class alone tells that warning, so others of it refuse a file, too.
+            warnings.simplefilter("error", DeprecationWarning)
             # Without a resolver nothing but these bytes is read (no textures, no includes).
             loaded: Any = trimesh.load_mesh(
                 io.BytesIO(data), file_type=kind, process=False, skip_materials=True
