@@ -123,6 +123,8 @@ def test_where_nothing_is_named_there_is_nothing_to_correct(kind, tmp_path) -> N
         # An angle lies about its mean direction, an infinite mean is none.
         ("com_offset", {"distance": 0.004, "azimuth": -20.0}, {},
          {"distance": 0.004, "azimuth": 340.0}),
+        # It is written within its prior, which here begins at half a turn.
+        ("registration", {"yaw": 204.0, "lean": 0.0}, {}, {"yaw": -156.0}),
         ("table_saturation", {"velocity": None, "acceleration": 5.0}, {}, {"acceleration": 5.0}),
         ("table_bandwidth", {"corner": 900.0, "delay": 0.01}, {}, {"corner": 400.0, "delay": 0.01}),
         # The null of a scene's own is the scene's.

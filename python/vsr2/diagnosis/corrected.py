@@ -193,7 +193,7 @@ def _within(one: Effect, given: Mapping[str, float]) -> dict[str, float]:
         if math.isfinite(value):
             low, high = parameter.limits or (parameter.lower, parameter.upper)
             if is_angle(parameter):
-                value %= turn_of(parameter)
+                value = parameter.lower + (value - parameter.lower) % turn_of(parameter)
             out[parameter.name] = min(max(float(f"{value:.{DIGITS}g}"), low), high)
     return out
 
