@@ -15,11 +15,12 @@ from planted import shaken_campaign
 from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import load_study, study_from_mapping
 from vsr2.diagnosis import Execution, Hypotheses, causes_schema, find_causes
-from vsr2.diagnosis.causes import FILES, _sizes
+from vsr2.diagnosis.causes import FILES
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES
 from vsr2.diagnosis.margins.simulated_scenes import SCENES
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request, Responses
+from vsr2.diagnosis.verdict.inferred_causes import parameter_sizes
 from vsr2.effects import library
 from vsr2.errors import DiagnosisError
 from vsr2.report.messages.found_causes import causes_text
@@ -164,13 +165,15 @@ def test_the_verb_writes_what_the_function_does(campaign, tmp_path, capsys) -> N
 
 def test_sizes_of_angles_and_of_what_may_be_off() -> None:
     """As a diagnosis gives them: angles about their direction, infinite nulls by their inverse."""
-    corner = _sizes(library()["input_filter"].parameters[0], np.array([10.0, 30.0, np.inf]))
+    corner = parameter_sizes(
+        library()["input_filter"].parameters[0], np.array([10.0, 30.0, np.inf])
+    )
     assert corner["mean"] == pytest.approx(3 / (1 / 10 + 1 / 30))
     assert corner["interval"] == [10.0, None]
-    off = _sizes(library()["input_filter"].parameters[0], np.full(3, np.inf))
+    off = parameter_sizes(filtered, np.full(3, np.inf))
     assert off == {"mean": None, "interval": [None, None]}
     azimuth = library()["com_offset"].parameters[1]
-    around = _sizes(azimuth, np.array([300.0, 310.0, 320.0, 5.0, 355.0]))
+    around = parameter_sizes(azimuth, np.array([300.0, 310.0, 320.0, 5.0, 355.0]))
     assert 0 <= around["mean"] < 360
     assert around["interval"][0] == pytest.approx(302)
     assert 360 < around["interval"][1] < 366

@@ -4,9 +4,7 @@ from __future__ import annotations
 
 import contextlib
 import json
-import math
 import os
-from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
@@ -32,7 +30,7 @@ from vsr2.diagnosis.corrected import (
 from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
 from vsr2.diagnosis.how_far.explained_gap import explained_gap, simulate_as_it_is
 from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
-from vsr2.diagnosis.margins.acting_posterior import SAMPLER, ActingPosterior, sample_posterior
+from vsr2.diagnosis.margins.acting_posterior import SAMPLER, sample_posterior
 from vsr2.diagnosis.margins.cause_space import CAUSES, NotJudged, cause_space, not_judged
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, HeldOutCauses, judge_causes
 from vsr2.diagnosis.margins.margin_kernel import KERNEL
@@ -52,12 +50,16 @@ from vsr2.diagnosis.prediction import PREDICTION, prediction_constants
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.library import GAIN, free_parameters, is_angle, sides
+from vsr2.diagnosis.simulated.library import GAIN, sides
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.verdict.causes_schema import CAUSES_SCHEMA
-from vsr2.diagnosis.verdict.compose import unrolled
-from vsr2.effects import Parameter
+from vsr2.diagnosis.verdict.inferred_causes import (
+    FOUND_CAUSES,
+    cause_row,
+    drawn_values,
+    inferred_causes,
+)
 from vsr2.errors import ConfigError, DiagnosisError
 from vsr2.results import base_provenance
 from vsr2.results.atomic import csv_text, write_text
@@ -76,24 +78,6 @@ FILES = (
     FIGURE,
     SIMULATIONS,
 )
-
-
-@dataclass(frozen=True)
-class FoundCausesConstants:
-    """What is said of causes; chosen by hand.
-
-    Attributes:
-        likely: probability from which a cause goes into the corrected scene.
-        together: sets of causes that are listed.
-        interval: quantiles at the ends of a parameter's interval.
-    """
-
-    likely: float = 0.5
-    together: int = 8
-    interval: tuple[float, float] = (0.05, 0.95)
-
-
-FOUND_CAUSES = FoundCausesConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -226,7 +210,7 @@ def find_causes(
     acting = acting_share(posterior.particles, model.names)
     likeliest = sorted(model.looked_for, key=lambda name: -acting[name])
     judged = _judged_held_out(model, likeliest, execution, seed)
-    rows = [_cause(model, posterior.particles, name, acting[name]) for name in likeliest]
+    rows = [cause_row(model, posterior.particles, name, acting[name]) for name in likeliest]
     corrected, stated = _corrected(study, rows)
     work |= {"seed": seed, "left_out": len(given) - len(used)}
     content = {
@@ -234,7 +218,7 @@ def find_causes(
         "campaign": used.name,
         "trials": len(used),
         "motions": len(set(used.motion_ids)),
-        **_inferred(model, posterior, rows),
+        **inferred_causes(model, posterior, rows),
         "emulator": {"scenes": count, **model.emulator.quality()},
         "held_out": explained_gap(judged, as_it_is, used, seed),
         "corrected": stated,
@@ -360,81 +344,6 @@ def _label(allowed: frozenset[str]) -> str:
     return "+".join(sorted(allowed)) or "none"
 
 
-def _summary(values: Array) -> dict[str, Any]:
-    low, high = np.quantile(values, FOUND_CAUSES.interval)
-    return {"mean": float(values.mean()), "interval": [float(low), float(high)]}
-
-
-def _stronger(model: OutcomeModel, particles: Particles) -> dict[str, Any]:
-    """Factor on the motion, less 1, over all that may act."""
-    return _summary(np.expm1(model.log_strength(particles)))
-
-
-def _inferred(
-    model: OutcomeModel, posterior: ActingPosterior, rows: list[dict[str, Any]]
-) -> dict[str, Any]:
-    """What the outcomes of all trials tell."""
-    particles = posterior.particles
-    scatter = zip(("motion", "trial"), model.scatter(particles), strict=True)
-    return {
-        "causes": rows,
-        "together": _together(particles, model.names),
-        "log_evidence": posterior.log_evidence,
-        "motion_stronger_by": _stronger(model, particles),
-        "scatter": {name: _summary(values) for name, values in scatter},
-    }
-
-
-def _cause(model: OutcomeModel, particles: Particles, name: str, acts: float) -> dict[str, Any]:
-    """An effect: probability, and parameters where it acts."""
-    own = particles.taken(particles.acts[:, model.names.index(name)])
-    parameters: dict[str, Any] = {}
-    if len(own):
-        for parameter, values in _values(model, own, name):
-            parameters[parameter.name] = {"unit": parameter.unit} | _sizes(parameter, values)
-    return {"name": name, "acts": acts, "parameters": parameters}
-
-
-def _values(model: OutcomeModel, own: Particles, name: str) -> list[tuple[Parameter, Array]]:
-    """Free parameters of an effect, each with its values, shape (n,)."""
-    effect = model.space.library[name]
-    if name == GAIN:
-        return [(effect.parameters[0], np.expm1(model.log_strength(own)))]
-    rows = np.array([model.space.values(name, point) for point in own.points])
-    names = [p.name for p in effect.parameters]
-    return [(p, rows[:, names.index(p.name)]) for p in free_parameters(effect)]
-
-
-def _sizes(parameter: Parameter, values: Array) -> dict[str, Any]:
-    """Mean and interval, of an angle about its direction; an infinite null is taken as its inverse.
-
-    None for what is infinite, such as the corner of a filter that is off.
-    """
-    if is_angle(parameter):
-        return _summary(unrolled(values, parameter.lower, parameter.upper))
-    if not math.isinf(parameter.null):
-        return _summary(values)
-    inverse = float((1 / values).mean())
-    low, high = np.quantile(values, FOUND_CAUSES.interval, method="nearest")
-    return {
-        "mean": 1 / inverse if inverse > 0 else None,
-        "interval": [float(end) if math.isfinite(end) else None for end in (low, high)],
-    }
-
-
-def _together(particles: Particles, names: Sequence[str]) -> list[dict[str, Any]]:
-    """The most probable sets of causes."""
-    sets = Counter(
-        tuple(name for name, on in zip(names, row, strict=True) if on) for row in particles.acts
-    )
-    return [
-        {"names": list(chosen), "probability": count / len(particles)}
-        for chosen, count in sorted(sets.items(), key=lambda one: (-one[1], one[0]))[
-            : FOUND_CAUSES.together
-        ]
-    ]
-
-
 def _corrected(
     study: Study, rows: Sequence[Mapping[str, Any]]
 ) -> tuple[Study | None, dict[str, dict[str, float]]]:
@@ -464,7 +373,7 @@ def _drawn(
             break
         own = particles.taken(np.array([k]))
         added = {
-            name: {p.name: float(values[0]) for p, values in _values(model, own, name)}
+            name: {p.name: float(values[0]) for p, values in drawn_values(model, own, name)}
             for name, on in zip(model.names, own.acts[0], strict=True)
             if on
         }
