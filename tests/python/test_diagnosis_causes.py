@@ -12,6 +12,7 @@ import pytest
 
 from command_line import run
 from planted import shaken_campaign
+from vsr2._native import build_facts
 from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import load_study, study_from_mapping
 from vsr2.diagnosis import Execution, Hypotheses, causes_schema, find_causes
@@ -23,7 +24,9 @@ from vsr2.diagnosis.simulated.simulator import Request, Responses
 from vsr2.diagnosis.verdict.inferred_causes import parameter_sizes
 from vsr2.effects import library
 from vsr2.errors import DiagnosisError
+from vsr2.report.causes_figure import causes_figure
 from vsr2.report.messages.found_causes import causes_text
+from vsr2.report.pages import plain
 
 BOX = {
     "name": "box",
@@ -108,6 +111,75 @@ def test_every_key_is_explained(found) -> None:
         assert key in content["provenance"]
 
 
+def test_scatter_is_no_cause(found) -> None:
+    """What fitted scatter closes is told apart from what causes close beyond it."""
+    held_out = found[0].content["held_out"]
+    scatter, beyond = held_out["scatter_alone"], held_out["beyond_scatter"]
+    nothing = held_out["waterfall"][0]
+    assert nothing["causes"] == []
+    assert scatter == {"loss": nothing["loss"], "closure": nothing["closure"]}
+    together = held_out["all"]["closure"]["value"]
+    assert scatter["closure"]["value"] + beyond["value"] == pytest.approx(together)
+    # Of equal replicates, so narrower than the two closures apart would make it.
+    low, high = beyond["ci95"]
+    assert low < beyond["value"] < high
+    curve = held_out["logistic"]["closure"]["value"]
+    assert curve + held_out["beyond_logistic"]["value"] == pytest.approx(together)
+    text = " ".join(causes_text(found[0]).split())
+    said = [f"{one['value']:.3f} [{one['ci95'][0]:.3f}, {one['ci95'][1]:.3f}]" for one in (
+        scatter["closure"], beyond, held_out["all"]["closure"],
+    )]  # fmt: skip
+    assert (
+        f"of the gap fitted scatter alone, which is no cause, closes {said[0]}; "
+        f"causes close a further {said[1]}; together {said[2]}"
+    ) in text
+    for label, value in (("scatter alone", scatter["closure"]), ("causes beyond scatter", beyond)):
+        assert f"{label} {value['value']:.3f} [" in text
+    assert "causes beyond the logistic curve" in text
+
+
+def test_without_a_gap_nothing_is_closed(found) -> None:
+    content = json.loads(found[0].to_json())
+    none = {"value": None, "ci95": None}
+    held_out = content["held_out"]
+    for part in (held_out["all"], held_out["scatter_alone"], *held_out["controls"].values()):
+        part["closure"] = none
+    held_out |= dict.fromkeys(("beyond_scatter", "beyond_controls", "beyond_logistic"), none)
+    jsonschema.validate(content, causes_schema())
+    without = replace(found[0], content=content)
+    assert "there is no gap to close" in causes_text(without)
+    assert causes_figure(content).axes[1].get_title() == ""
+
+
+def test_the_figure_shows_scatter_as_no_cause(found) -> None:
+    """In one colour with the controls, and beside what causes close beyond it."""
+    content = found[0].content
+    panel = causes_figure(content).axes[1]
+    names = [label.get_text() for label in panel.get_yticklabels()]
+    colours = [bar.get_facecolor() for bar in panel.patches]
+    assert len(names) == len(colours)
+    of = dict(zip(names, colours, strict=True))
+    assert of["scatter fitted"] == of["control: rescaled"]
+    assert of["scatter fitted"] not in (of[plain("+ table_gain")], of["with all effects"])
+    legend = dict(zip(*reversed(panel.get_legend_handles_labels()), strict=True))
+    assert legend["no cause"].patches[0].get_facecolor() == of["scatter fitted"]
+    held_out = content["held_out"]
+    beyond = held_out["beyond_scatter"]
+    for number in (held_out["scatter_alone"]["closure"]["value"], beyond["value"], *beyond["ci95"]):
+        assert f"{number:.2f}" in panel.get_title()
+
+
+def test_what_a_search_cost_and_what_it_ran_on_are_stated(found) -> None:
+    provenance = found[0].content["provenance"]
+    assert 0 < provenance["search_time_s"] < provenance["wall_time_s"]
+    assert provenance["threads"] == 1
+    assert 0 < provenance["simulated"] <= provenance["simulations"]
+    assert provenance["build"] == build_facts()
+    minutes = [provenance["wall_time_s"] / 60, provenance["search_time_s"] / 60]
+    text = causes_text(found[0])
+    assert f"took {minutes[0]:.1f} min with 1 thread, {minutes[1]:.1f} of them for" in text
+
+
 def test_threads_and_what_is_there_change_no_byte(campaign, found, tmp_path) -> None:
     result, folder = found
     (tmp_path / "again").mkdir()
@@ -120,8 +192,8 @@ def test_threads_and_what_is_there_change_no_byte(campaign, found, tmp_path) -> 
     )  # fmt: skip
     first, second = (json.loads(one.to_json()) for one in (result, again))
     for content in (first, second):
-        for volatile in ("created", "time", "host", "command"):
-            content["provenance"].pop(volatile, None)
+        for volatile in ("created", "wall_time_s", "search_time_s", "threads", "simulated"):
+            del content["provenance"][volatile]
     assert first == second
     for name in ("causes.csv", "held_out.csv"):
         assert (folder / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
@@ -165,9 +237,8 @@ def test_the_verb_writes_what_the_function_does(campaign, tmp_path, capsys) -> N
 
 def test_sizes_of_angles_and_of_what_may_be_off() -> None:
     """As a diagnosis gives them: angles about their direction, infinite nulls by their inverse."""
-    corner = parameter_sizes(
-        library()["input_filter"].parameters[0], np.array([10.0, 30.0, np.inf])
-    )
+    filtered = library()["input_filter"].parameters[0]
+    corner = parameter_sizes(filtered, np.array([10.0, 30.0, np.inf]))
     assert corner["mean"] == pytest.approx(3 / (1 / 10 + 1 / 30))
     assert corner["interval"] == [10.0, None]
     off = parameter_sizes(filtered, np.full(3, np.inf))

@@ -14,10 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2 import _native
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, dump_study, load_study
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
+from vsr2.diagnosis.budget import Stopwatch
 from vsr2.diagnosis.corrected import (
     CORRECTED_FILE,
     DRAWS,
@@ -194,9 +196,9 @@ def find_causes(
             cannot be used.
         ResultError: a file cannot be written.
     """
+    watch = Stopwatch()
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
-    used = given.with_motion()
-    used = used.select(np.isfinite(used.overturned))
+    used = _judged_by(given)
     count = SCENES.usual if scenes is None else scenes
     _check(used, count, seed)
     check_draws(posterior_draws, SAMPLER.final)
@@ -205,6 +207,7 @@ def find_causes(
     folder = None if out is None else made_folder(Path(out))
     simulator = simulator_of(used, study, hypotheses, execution, seed)
     model, as_it_is, work = _modelled(used, simulator, folder, count, execution, seed)
+    work |= {"seed": seed, "left_out": len(given) - len(used), "search_time_s": watch.wall_s}
     rng = np.random.default_rng([seed, MarginStream.ACTING])
     posterior = sample_posterior(model, np.arange(len(used)), rng, particles=SAMPLER.final)
     acting = acting_share(posterior.particles, model.names)
@@ -212,7 +215,6 @@ def find_causes(
     judged = _judged_held_out(model, likeliest, execution, seed)
     rows = [cause_row(model, posterior.particles, name, acting[name]) for name in likeliest]
     corrected, stated = _corrected(study, rows)
-    work |= {"seed": seed, "left_out": len(given) - len(used)}
     content = {
         "schema": CAUSES_SCHEMA,
         "campaign": used.name,
@@ -223,12 +225,12 @@ def find_causes(
         "held_out": explained_gap(judged, as_it_is, used, seed),
         "corrected": stated,
         **_not_looked_for(simulator, model.names),
-        "provenance": base_provenance() | work | _rested_on(study, hypotheses, simulator),
+        "provenance": _rested_on(study, hypotheses, simulator) | work,
     }
-    held_out = {_label(allowed): p for allowed, p in judged.probability.items()}
-    trials = tuple(trial.trial for trial in used.trials)
     drawn = _drawn(study, model, posterior.particles, posterior_draws)
-    result = Causes(content, trials, held_out | {"all": judged.everything}, corrected, drawn)
+    content["provenance"]["wall_time_s"] = watch.wall_s
+    names = tuple(trial.trial for trial in used.trials)
+    result = Causes(content, names, _probabilities(judged), corrected, drawn)
     if folder is not None:
         result.save(folder)
     return result
@@ -240,7 +242,7 @@ def _judged_held_out(
     """Losses with choices of the likeliest causes, on motions they were not inferred from."""
     return judge_causes(
         model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
-        threads=execution.threads or os.cpu_count() or 1,
+        threads=_threads(execution),
         progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
     )  # fmt: skip
 
@@ -260,7 +262,7 @@ def _not_looked_for(simulator: SceneSimulator, names: Collection[str]) -> dict[s
 
 
 def _rested_on(study: Study, hypotheses: Hypotheses, simulator: SceneSimulator) -> dict[str, Any]:
-    return {
+    return base_provenance(_native.build_facts()) | {
         "scene": study.name,
         "scene_effects": study.effects,
         "priors": hypotheses.ends,
@@ -305,13 +307,14 @@ def _modelled(
             cache, len(used),
             progress=lambda done, of: _report(execution, Stage.JUDGEMENT, done / of),
         )  # fmt: skip
-        asked = cache.asked
+        work = {"scenes": scenes, "simulations": cache.asked, "simulated": cache.simulated}
+    work["threads"] = _threads(execution)
     emulator = found.known().emulator(space)
     nuisances = len(simulator.nuisance_names)
     model = OutcomeModel(
         steps.together, emulator, overturned, motions, nuisances, allowed, steps=steps
     )
-    return model, as_it_is, {"scenes": scenes, "simulations": asked}
+    return model, as_it_is, work
 
 
 def _check(used: Campaign, scenes: int, seed: int) -> None:
@@ -338,6 +341,23 @@ def _check_priors(hypotheses: Hypotheses) -> None:
             f"prior of {given[0]}: the strength of the motion has a prior of its own here; give "
             f"none, or exclude {GAIN}"
         )
+
+
+def _judged_by(given: Campaign) -> Campaign:
+    """Its trials with motion and outcome."""
+    moved = given.with_motion()
+    return moved.select(np.isfinite(moved.overturned))
+
+
+def _threads(execution: Execution) -> int:
+    """Of this process; a cluster has its own for simulations."""
+    return execution.threads or len(os.sched_getaffinity(0))
+
+
+def _probabilities(judged: HeldOutCauses) -> dict[str, Array]:
+    """Of overturning, by name of what may act."""
+    found = {_label(allowed): p for allowed, p in judged.probability.items()}
+    return found | {"all": judged.everything}
 
 
 def _label(allowed: frozenset[str]) -> str:

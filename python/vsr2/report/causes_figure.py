@@ -59,7 +59,7 @@ def _acting(panel: Axes, content: Mapping[str, Any]) -> None:
 
 def _waterfall(panel: Axes, held_out: Mapping[str, Any], steps: list[Any]) -> None:
     rows = [("as it is", held_out["as_it_is"]["loss"], RED)]
-    rows += [(plain(label), loss, BLUE) for label, _, loss in steps]
+    rows += [(plain(label), loss, BLUE if cause else _DIM) for label, cause, loss in steps]
     rows.append(("with all effects", held_out["all"]["loss"], BLUE))
     for control, label in CONTROL_LABELS.items():
         rows.append((label, held_out["controls"][control]["loss"], _DIM))
@@ -78,4 +78,17 @@ def _waterfall(panel: Axes, held_out: Mapping[str, Any], steps: list[Any]) -> No
     interval.set_label("95 % interval")
     panel.invert_yaxis()
     panel.set_xlabel("loss a trial [nat]")
+    panel.set_title(_closed(held_out), fontsize="small")
     panel.grid(axis="y", visible=False)
+
+
+def _closed(held_out: Mapping[str, Any]) -> str:
+    """Shares of the gap that scatter and causes close; empty where there is no gap."""
+    scatter, beyond = held_out["scatter_alone"]["closure"], held_out["beyond_scatter"]
+    if scatter["value"] is None:
+        return ""
+    low, high = beyond["ci95"]
+    return (
+        f"closed of the gap: by scatter alone {scatter['value']:.2f},\n"
+        f"by causes a further {beyond['value']:.2f} [{low:.2f}, {high:.2f}]"
+    )

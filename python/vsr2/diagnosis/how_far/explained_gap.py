@@ -53,6 +53,9 @@ def explained_gap(
 ) -> dict[str, Any]:
     """Losses of motions that were not seen: the waterfall, shares, controls, and scores.
 
+    Where nothing may act, scatter of margins is fitted all the same: it closes a part of the gap,
+    and is no cause. All intervals are of the same resamples of motions.
+
     Args:
         judged: with causes.
         as_it_is: the scene without them.
@@ -70,6 +73,7 @@ def explained_gap(
     drawn = resampled_means(values, motion, replicates=INTERVALS.replicates)
     means = dict(zip(losses, np.vstack([values.mean(axis=1), drawn]).T, strict=True))
     before, after = means[Loss.BEFORE], means[Loss.AFTER]
+    scatter = means[_label(frozenset())]
     gap = before - means[Loss.FLOOR]
     own = {name: losses[name] for name in Loss}
     judged_gap = HowFar(own, as_it_is.probability, judged.everything, motion, judged.causes)
@@ -85,8 +89,13 @@ def explained_gap(
         "waterfall": [{"causes": sorted(step)} | closes(means[_label(step)]) for step in steps],
         "all": closes(after),
         "floor": {"loss": interval(means[Loss.FLOOR]).to_json()},
+        "scatter_alone": closes(scatter),
+        "beyond_scatter": share_of_gap(scatter - after, gap).to_json(),
         "controls": {one.value: closes(means[one]) for one in CONTROLS},
         "beyond_controls": judged_gap.headline().to_json(),
+        "beyond_logistic": None
+        if curve is None
+        else share_of_gap(means["logistic"] - after, gap).to_json(),
         "shares": {
             cause: {
                 "loss": interval(means[f"share {cause}"]).to_json(),

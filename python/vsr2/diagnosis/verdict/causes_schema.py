@@ -4,13 +4,20 @@ from __future__ import annotations
 
 from typing import Any, Literal, get_args
 
-from pydantic import Field
+from pydantic import ConfigDict, Field
 
 from vsr2.diagnosis.margins.cause_space import NotJudged
-from vsr2.diagnosis.verdict.diagnosis_schema import Control, Controls, Estimate, SchemaPart, Share
+from vsr2.diagnosis.verdict.diagnosis_schema import (
+    Control,
+    Controls,
+    Count,
+    Estimate,
+    SchemaPart,
+    Share,
+)
 from vsr2.errors import Fault
 
-CausesSchema = Literal["vsr2.causes/2"]
+CausesSchema = Literal["vsr2.causes/3"]
 CAUSES_SCHEMA: CausesSchema = get_args(CausesSchema)[0]
 """Form of causes.json."""
 Ends = tuple[float | None, float | None]
@@ -75,17 +82,41 @@ class _Logistic(Control):
 
 
 class _HeldOut(SchemaPart):
-    """Losses a trial [nat] on motions that were not seen."""
+    """Losses a trial [nat] on motions that were not seen.
+
+    `scatter_alone`: no effect acts. `beyond_...`: share of the gap that all effects close beyond
+    it, beyond the better control, beyond the curve without physics.
+    """
 
     as_it_is: _Loss
     waterfall: list[_Step]
     all: Control
     floor: _Loss
+    scatter_alone: Control
+    beyond_scatter: Estimate
     controls: Controls
     beyond_controls: Estimate
+    beyond_logistic: Estimate | None
     shares: dict[str, _CauseShare]
     scores: dict[str, Estimate]
     logistic: _Logistic | None
+
+
+class _Provenance(SchemaPart):
+    """Versions, settings, constants, and what the run cost.
+
+    `simulated`: of the simulations that were asked for, those that this run made; others were kept.
+    `search_time_s` of `wall_time_s` went to choosing and simulating scenes.
+    """
+
+    model_config = ConfigDict(extra="allow")
+
+    build: dict[str, str]
+    threads: Count
+    wall_time_s: float
+    search_time_s: float
+    simulations: Count
+    simulated: Count
 
 
 class _Causes(SchemaPart):
@@ -106,7 +137,7 @@ class _Causes(SchemaPart):
     not_judged: dict[str, NotJudged]
     excluded: list[str]
     unavailable: dict[str, Fault]
-    provenance: dict[str, Any]
+    provenance: _Provenance
 
 
 def causes_schema() -> dict[str, Any]:

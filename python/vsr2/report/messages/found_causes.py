@@ -16,6 +16,7 @@ if TYPE_CHECKING:
 
 _LISTED = 0.05
 """Probability from which an effect stands in the table."""
+_MINUTE = 60.0
 _NOT_JUDGED = {
     NotJudged.DIFFERS_BY_TRIAL: "differs from trial to trial, as scatter does",
     NotJudged.PART_NOT_JUDGED: "brings in an effect that is not looked for",
@@ -41,8 +42,8 @@ _SCORES = {
 def causes_text(found: Causes) -> str:
     """Causes with their sizes, sets of them, the losses step by step, and scores: lines."""
     content = found.content
-    parts = [_causes(content), _together(content), _waterfall(content), _scores(content)]
-    parts.append(_left_out(content))
+    parts = [_causes(content), _together(content), _waterfall(content), _closed(content)]
+    parts += [_scores(content), _left_out(content), _cost(content["provenance"])]
     return "\n\n".join(parts) + "\n"
 
 
@@ -90,13 +91,42 @@ def _waterfall(content: Mapping[str, Any]) -> str:
         rows.append([label, _interval(loss), share])
     rows.append(["with all effects", _interval(held_out["all"]["loss"]), ""])
     rows.append(["floor: a campaign without a gap", _interval(held_out["floor"]["loss"]), ""])
-    closed = [["closure of the gap", _interval(held_out["all"]["closure"])]]
+    return table(rows, str.ljust)
+
+
+def _closed(content: Mapping[str, Any]) -> str:
+    """What closes the gap, and how much of it is due to causes."""
+    held_out = content["held_out"]
+    together, scatter = held_out["all"]["closure"], held_out["scatter_alone"]["closure"]
+    beyond = held_out["beyond_scatter"]
+    said = (
+        "there is no gap to close: the scene as it is loses no more than the floor"
+        if together["value"] is None
+        else f"of the gap fitted scatter alone, which is no cause, closes {_interval(scatter)}; "
+        f"causes close a further {_interval(beyond)}; together {_interval(together)}"
+    )
+    rows = [
+        ["closure of the gap", _interval(together)],
+        ["scatter alone", _interval(scatter)],
+        ["causes beyond scatter", _interval(beyond)],
+    ]
     for name, label in CONTROL_LABELS.items():
-        closed.append([label, _interval(held_out["controls"][name]["closure"])])
-    closed.append(["causes beyond the better control", _interval(held_out["beyond_controls"])])
+        rows.append([label, _interval(held_out["controls"][name]["closure"])])
+    rows.append(["causes beyond the better control", _interval(held_out["beyond_controls"])])
     if held_out["logistic"] is not None:
-        closed.append(["logistic curve", _interval(held_out["logistic"]["closure"])])
-    return f"{table(rows, str.ljust)}\n\n{table(closed, str.ljust)}"
+        rows.append(["logistic curve", _interval(held_out["logistic"]["closure"])])
+        rows.append(["causes beyond the logistic curve", _interval(held_out["beyond_logistic"])])
+    return f"{said}\n\n{table(rows, str.ljust)}"
+
+
+def _cost(provenance: Mapping[str, Any]) -> str:
+    """Of this run; what an earlier one simulated costs nothing again."""
+    spent, search = provenance["wall_time_s"] / _MINUTE, provenance["search_time_s"] / _MINUTE
+    reused = provenance["simulations"] - provenance["simulated"]
+    return (
+        f"took {spent:.1f} min with {counted(provenance['threads'], 'thread')}, {search:.1f} of "
+        f"them for {counted(provenance['simulated'], 'simulation')} ({reused} reused)"
+    )
 
 
 def waterfall_steps(content: Mapping[str, Any]) -> list[tuple[str, str | None, Mapping[str, Any]]]:
