@@ -3,9 +3,11 @@
     vsr2 campaign import-lab SOURCE --out out/lab
     python studies/lab_several_causes.py [--scenes N] [--threads N] [--seed N]
 
-Does what `vsr2 campaign causes` does, with all effects but `base_slope` (ten times as dear as the
-others on this specimen, and in one class with `com_offset`) and one contact model (correct ones
-differ by less than what is drawn here, and cost twice the time). No list of causes is written by
+Does what
+`vsr2 campaign causes studies/lab_diagnosis.yaml out/lab --exclude base_slope --one-contact-model`
+does: all effects but `base_slope` (ten times as dear as the others on this specimen, and in one
+class with `com_offset`) and one contact model (correct ones differ by less than what is drawn here,
+and cost twice the time). No list of causes is written by
 hand. A run that was interrupted is continued. Writes to OUT what the verb writes, and to
 OUT/committed what may be committed: causes.json, causes.csv and the figure.
 """

@@ -72,6 +72,8 @@ def test_what_is_written_is_named_by_out_and_by_no_position() -> None:
         ("--set", READS_A_STUDY),
         ("--threads", SIMULATES),
         ("--scheduler", SIMULATES & WRITES),
+        ("--exclude", {"diagnose", "campaign causes"}),
+        ("--one-contact-model", {"campaign causes"}),
     ],
 )
 def test_a_name_is_on_all_verbs_that_it_applies_to(option: str, verbs: set[str]) -> None:

@@ -251,6 +251,8 @@ class Attributing:
         out: folder for tables, the corrected scene and simulations (default: nothing is written)
         scenes: whose margins are sought (default: 600)
         posterior_draws: write so many scenes with a draw of the posterior each, too; needs --out
+        one_contact_model: keep the contact model of the study in all scenes, in place of drawing
+            another correct one for each
         seed: of all draws
         cache: folder of simulations that other searches of the campaign share
     """
@@ -261,6 +263,7 @@ class Attributing:
     exclude: opt.Excluded = ()
     prior: opt.Priors = ()
     nuisance: opt.Nuisances = ()
+    one_contact_model: bool = False
     seed: opt.Integer = 0
     cache: Path | None = None
     overwrite: opt.Overwrite = False
@@ -290,6 +293,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     from vsr2.campaign import load_campaign
     from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache, find_causes
     from vsr2.diagnosis.causes import FILES
+    from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
     from vsr2.report.causes_figure import write_causes_figure
     from vsr2.report.messages.found_causes import causes_text
     from vsr2.report.messages.progress_lines import ProgressLines
@@ -311,6 +315,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
                 exclude=options.exclude,
                 priors=opt.priors(options.prior),
                 nuisances=opt.nuisances(options.nuisance),
+                contact_family=() if options.one_contact_model else CONTACT_FAMILY,
             ),
             posterior_draws=options.posterior_draws,
             execution=Execution(
