@@ -10,6 +10,8 @@ from typing import Any
 
 import pytest
 
+from planted import shaken_campaign
+from vsr2.campaign import save_campaign
 from vsr2.cli.main import main
 from vsr2.diagnosis import Hypotheses
 from vsr2.diagnosis.margins.simulated_scenes import SCENES
@@ -37,7 +39,6 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         raise DiagnosisError("seen enough")
 
     monkeypatch.setattr("vsr2.diagnosis.find_causes", stop)
-    monkeypatch.setattr("vsr2.campaign.load_campaign", lambda folder: folder)
     return found
 
 
@@ -53,6 +54,7 @@ def question(asked: dict[str, Any]) -> tuple[object, ...]:
 def searched(tmp_path: Path, *options: str) -> None:
     scene = tmp_path / "scene.yaml"
     scene.write_text(SCENE)
+    save_campaign(shaken_campaign(2, 1, duration=1.0), tmp_path / "campaign", overwrite=True)
     assert main(["campaign", "causes", str(scene), str(tmp_path / "campaign"), *options]) == 2
 
 
