@@ -12,7 +12,6 @@ from cyclopts import (
 )
 
 from vsr2.cli.exclusive_options import ExclusiveOptionsError
-from vsr2.near_words import NEAR, near_words
 
 NO_VALUE: dict[type, str] = {
     float: "is no number",
@@ -52,6 +51,8 @@ def _missing(error: MissingArgumentError) -> str | None:
         values = "a value" if count == 1 else f"{count} values"
         given = f", not {len(error.tokens_so_far)}" if error.tokens_so_far else ""
         return f"{error.keyword} takes {values}{given}"
+    from vsr2.near_words import NEAR, near_words
+
     words = [word for word in error.unused_tokens or [] if word.startswith("-")]
     near = near_words(argument.name, words, alike=NEAR.offered)
     remedy = f"did you mean it by {near[0]}?" if near else "give it"

@@ -17,6 +17,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2 import _native
 from vsr2.analysis import logistic_baseline
 from vsr2.analysis.baseline import LOGISTIC, Fitted
 from vsr2.analysis.bootstrap import Interval
@@ -289,7 +290,7 @@ def predict(
     scores, curve = _scored(used, given_by, seed)
     found = Prediction(
         used, outcomes, scores, curve, sought,
-        base_provenance() | {
+        base_provenance(_native.build_facts()) | {
             "campaign": used.name,
             "trials": len(used),
             "left_out": len(given) - len(used),
