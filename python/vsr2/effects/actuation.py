@@ -256,20 +256,18 @@ class InputChannel(Effect):
             return trial
         motion, step = trial.motion, trial.motion.time_step
         corners = [(low, values["low_corner"]), (high, values["high_corner"])]
-        lowest = min(corner for gain, corner in corners if gain)
-        pad = math.ceil(ACTUATION.gain_rest / lowest / step)
+        pad = math.ceil(ACTUATION.gain_rest / min(f for gain, f in corners if gain) / step)
 
         def passed(signals: Array) -> Array:
             # Amid rest, so that the filters ring out on both sides.
             amid = np.pad(np.pad(signals, ((0, 0), (pad, 0))), ((0, 0), (0, pad)), mode="edge")
             slow, below = (_below(amid, corner, step) for _, corner in corners)
-            made: Array = amid + low * slow + high * (amid - below)
-            return made
+            return np.asarray(amid + low * slow + high * (amid - below))
 
         x, rate = passed(np.stack([motion.displacement, motion.velocity]))
         path = LazyPath(x, rate, lambda: passed(motion.acceleration[None])[0])
-        note = f"gain {1 + low:.12g} below {corners[0][1]:g} Hz, {1 + high:.12g} above "
-        note += f"{corners[1][1]:g} Hz"
+        ends = f"below {corners[0][1]:g} Hz, {1 + high:.12g} above {corners[1][1]:g} Hz"
+        note = f"gain {1 + low:.12g} {ends}"
         return _driven(trial, path, note, lambda side: _held(_late_side(side, pad), x.size))
 
 
@@ -420,6 +418,7 @@ class TableBandwidth(Effect):
                 lambda: _late(motion.acceleration, late),
             )
         note = f"low-pass {corner:g} Hz, {late} samples late"
+        note = f"gain {1 + low:.12g} {ends}"
         return _driven(trial, path, note, lambda side: _late_side(side, late))
 
     def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
