@@ -418,7 +418,6 @@ class TableBandwidth(Effect):
                 lambda: _late(motion.acceleration, late),
             )
         note = f"low-pass {corner:g} Hz, {late} samples late"
-        note = f"gain {1 + low:.12g} {ends}"
         return _driven(trial, path, note, lambda side: _late_side(side, late))
 
     def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
