@@ -34,8 +34,8 @@ class SceneConstants:
     """How scenes are chosen; chosen by hand.
 
     Attributes:
-        usual: number of scenes where none is asked for: about an hour on two cores for 300 trials
-            of a scanned rock.
+        usual: number of scenes where none is asked for: about three quarters of an hour on two
+            cores for 300 trials of a scanned rock.
         prior: share of the scenes that are drawn at random.
         alone: share of those in which an effect acts alone, each in its turn.
         powers: of the likelihood, at which these are drawn, in as many rounds.
