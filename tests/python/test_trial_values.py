@@ -148,9 +148,18 @@ def test_no_array_of_a_value_can_be_written(trial: Trial, duplicate: Copy) -> No
     result = duplicate(run_batch([trial], threads=1))
     with pytest.raises(ValueError, match="read-only"):
         result["peak_tilt"][0] = 0.0
-    assert not any(column.flags.writeable for column in result.trials.values())
+    for column in result.trials.values():
+        with pytest.raises(ValueError, match="cannot set WRITEABLE"):
+            column.setflags(write=True)
     with pytest.raises(TypeError, match="read-only"):
         result.trials["outcome"] = np.zeros(1)
+
+
+def test_a_column_given_to_a_result_is_not_the_callers(trial: Trial) -> None:
+    given = {name: column.copy() for name, column in run_batch([trial], threads=1).trials.items()}
+    result = BatchResult(given, [None], {})
+    given["pga_g"][0] = 99.0
+    assert result["pga_g"][0] < 99.0
 
 
 def test_an_array_given_to_a_scene_is_not_the_callers() -> None:

@@ -13,8 +13,6 @@ from numpy.typing import ArrayLike, NDArray
 from vsr2.campaign.campaign import Campaign
 from vsr2.errors import CampaignError
 
-_MAX_PASSES = 20
-"""Over all groups, to even the folds out; bounds the time."""
 MAX_REPLICATES = 100_000
 """Of a bootstrap; bounds its memory."""
 
@@ -107,7 +105,8 @@ def _even_out(
         moved: NDArray[np.float64] = out + into
         return moved
 
-    for _ in range(_MAX_PASSES):
+    improved = True
+    while improved:  # The sum falls by more than rounding each time, so that this ends.
         improved = False
         for group in order:
             source = int(fold[group])

@@ -47,7 +47,8 @@ class ProcessingConstants:
     Attributes:
         rest_band: before shaking: a signal within this share of its peak around its first level.
         rest_time: shortest rest that tells an offset [s].
-        taper_time: length of the taper of a moving end, at most a tenth of the record [s].
+        taper_time: length of the taper of a moving end [s].
+        taper_share: of the record, that a taper takes at most.
         moving_end: an end moves when its speed exceeds this share of the peak velocity.
         ringing: zeros beside a signal that is filtered, in periods of the lower corner, an order.
     """
@@ -55,6 +56,7 @@ class ProcessingConstants:
     rest_band: float = 0.1
     rest_time: float = 0.1
     taper_time: float = 0.5
+    taper_share: float = 0.1
     moving_end: float = 0.01
     ringing: float = 1.5
 
@@ -286,7 +288,8 @@ def taper_ends(displacement: Array, sample_interval: float) -> Array:
     tapered: Array = displacement - displacement[0]
     velocity = np.gradient(tapered, sample_interval, edge_order=2)
     limit = PROCESSING.moving_end * float(np.abs(velocity).max())
-    length = min(math.ceil(PROCESSING.taper_time / sample_interval), displacement.size // 10)
+    most = int(PROCESSING.taper_share * displacement.size)
+    length = min(math.ceil(PROCESSING.taper_time / sample_interval), most)
     s = np.arange(length) / max(length, 1)
     blend = s**3 * (10 - 15 * s + 6 * s**2)
     if abs(velocity[0]) > limit:

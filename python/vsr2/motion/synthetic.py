@@ -27,6 +27,7 @@ class SyntheticConstants:
 
     Attributes:
         interval: of the samples at which the noise is shaped [s]: that of many records.
+        least_samples: of the Fourier transform, zeros after the record included.
         ground_damping: of the ground, as a share of critical; Kanai (1957) and Tajimi (1960) give
             0.6 for firm ground.
         strongest: where the envelope is strongest, as a share of the record.
@@ -54,6 +55,7 @@ class SyntheticConstants:
     """
 
     interval: float = 0.005
+    least_samples: int = 8192
     ground_damping: float = 0.6
     strongest: float = 0.3
     envelope_power: int = 3
@@ -100,7 +102,7 @@ def shaped_noise(
     noise = np.random.default_rng(seed).standard_normal(count) * envelope
 
     # zeros after the record, so that the filters do not wrap round
-    length = max(8192, 2 ** math.ceil(math.log2(2 * count)))
+    length = max(SYNTHETIC.least_samples, 2 ** math.ceil(math.log2(2 * count)))
     frequency = np.fft.rfftfreq(length, SYNTHETIC.interval)
     r2 = (frequency / ground_frequency) ** 2
     damping = (2 * SYNTHETIC.ground_damping) ** 2 * r2

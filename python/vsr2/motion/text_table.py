@@ -25,7 +25,7 @@ MAX_TIME = 1e7
 
 
 @dataclass(frozen=True)
-class TimeColumn:
+class TimeColumnConstants:
     """How far a sample may be off its place in a uniform time column; chosen by hand.
 
     Attributes:
@@ -41,7 +41,7 @@ class TimeColumn:
     lost: float = 0.45
 
 
-TIME_COLUMN = TimeColumn()
+TIME_COLUMN = TimeColumnConstants()
 
 
 def text_lines(path: Path, content: bytes) -> list[str]:

@@ -22,7 +22,7 @@ from vsr2.argument_names import checked_names
 from vsr2.errors import ResultError
 from vsr2.near_words import nearest
 from vsr2.one_line import OneLine
-from vsr2.read_only import ReadOnlyDict
+from vsr2.read_only import ReadOnlyDict, read_only
 from vsr2.results.trial_log import CONTACT_COLUMNS, DERIVED, STATE_COLUMNS, Array, TrialLog
 
 if TYPE_CHECKING:
@@ -179,17 +179,16 @@ class BatchResult(OneLine):
                     f"batch result: column {name} has shape {np.shape(column)} for "
                     f"{len(self.logs)} trials"
                 )
-        columns = {name: np.asarray(column).view() for name, column in self.trials.items()}
+        columns = {name: np.asarray(column) for name, column in self.trials.items()}
         for name, words in WORDS.items():
             columns[name] = _as_members(name, columns[name], words)
         provenance = ReadOnlyDict(self.provenance)
-        self.__setstate__({"trials": ReadOnlyDict(columns), "provenance": provenance})
+        self.__setstate__({"trials": columns, "logs": self.logs, "provenance": provenance})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # numpy forgets in pickles and copies that an array is read-only.
-        self.__dict__.update(state)
-        for column in self.trials.values():
-            column.setflags(write=False)
+        columns = {name: read_only(column) for name, column in state["trials"].items()}
+        self.__dict__.update(state, trials=ReadOnlyDict(columns))
 
     def __len__(self) -> int:
         return len(self.logs)

@@ -18,6 +18,7 @@ from vsr2.motion.processing import PROCESSING
 from vsr2.motion.resample import RESAMPLE
 from vsr2.motion.study_motions import RECORDED
 from vsr2.motion.synthetic import SYNTHETIC
+from vsr2.motion.text_table import TIME_COLUMN
 from vsr2.scene.build import NOTES
 from vsr2.scene.mesh_repair import REPAIR
 from vsr2.scene.placement import PLACEMENT
@@ -41,6 +42,7 @@ def run_constants() -> dict[str, dict[str, Any]]:
         "fusion": asdict(FUSION),
         "synthetic": asdict(SYNTHETIC),
         "resample": asdict(RESAMPLE),
+        "time_column": asdict(TIME_COLUMN),
         "actuation": asdict(ACTUATION),
         "catch": asdict(CATCH),
         "order": asdict(ORDER),

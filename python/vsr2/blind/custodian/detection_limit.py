@@ -60,6 +60,8 @@ class SignalRules:
 
 
 RULES = SignalRules()
+_TRIALS = 1000
+"""Between the seeds of the trials of two replicates; a campaign here has fewer trials."""
 
 
 def observations(overturned: Sequence[bool], peak_tilt: Sequence[float]) -> Array:
@@ -166,7 +168,7 @@ class SignalMeter:
     def _run(self, replicate: int, effects: Mapping[str, Mapping[str, float]]) -> Array:
         rng = pack_generator(self._seed, PackStream.SIGNAL_REPLICATES, replicate)
         _, inputs = draw_inputs(rng, self._protocol, self._settings, self.trials)
-        seeds = [(self._seed + replicate, 1000 * replicate + i) for i in self.trials]
+        seeds = [(self._seed + replicate, _TRIALS * replicate + i) for i in self.trials]
         responses = self._engine.run(
             (
                 replace(

@@ -58,6 +58,7 @@ class HeldOutConstants:
         nuisances: draw of the nuisances of the first simulation with what is named.
         replicate: of starts and noise there.
         resamples: of motions, from which intervals are taken.
+        seed_stride: between the draws of two diagnoses whose seeds are neighbours, above `groups`.
     """
 
     members: int = 24
@@ -65,6 +66,7 @@ class HeldOutConstants:
     nuisances: int = 500
     replicate: int = 2
     resamples: int = INTERVALS.replicates
+    seed_stride: int = 100
 
 
 HELD_OUT = HeldOutConstants()
@@ -181,7 +183,9 @@ def judge(
     group = motion_groups(motion, outcome)
     drawn: list[list[Effects]] = [[] for _ in trials]
     for k in np.unique(group):
-        effects = _drawn_effects(posterior, residuals, group != k, names, seed * 100 + int(k))
+        effects = _drawn_effects(
+            posterior, residuals, group != k, names, seed * HELD_OUT.seed_stride + int(k)
+        )
         for i in np.flatnonzero(group == k):
             drawn[i] = effects
     later = range(HELD_OUT.nuisances, HELD_OUT.nuisances + members)
