@@ -373,7 +373,7 @@ def core_constants() -> dict[str, dict[str, float | int]]:
     """
     Chosen numbers of the core, by what they are of and by name.
     """
-def follow_within_limits(*, displacement: typing.Any, velocity: typing.Any, acceleration: typing.Any, place: typing.SupportsFloat | typing.SupportsIndex, speed: typing.SupportsFloat | typing.SupportsIndex, greatest_speed: typing.SupportsFloat | typing.SupportsIndex, greatest_acceleration: typing.SupportsFloat | typing.SupportsIndex, stiffness: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex, time_step: typing.SupportsFloat | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float64]:
+def follow_within_limits(*, command: typing.Any, place: typing.SupportsFloat | typing.SupportsIndex, speed: typing.SupportsFloat | typing.SupportsIndex, greatest_speed: typing.SupportsFloat | typing.SupportsIndex, greatest_acceleration: typing.SupportsFloat | typing.SupportsIndex, stiffness: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex, time_step: typing.SupportsFloat | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float64]:
     """
     Displacement, velocity and acceleration of a table with limits that follows a command, shape (3, n).
     """

@@ -191,8 +191,8 @@ def limited(path: Path, velocity: float, acceleration: float, step: float, *, lo
     begin = int(np.argmax(over))
     position, speed = (float(x[begin - 1]), float(v[begin - 1])) if begin else (0.0, 0.0)
     x[begin:], v[begin:], a[begin:] = _native.follow_within_limits(
-        displacement=x[begin:], velocity=v[begin:], acceleration=a[begin:],
-        place=position, speed=speed, greatest_speed=velocity, greatest_acceleration=acceleration,
+        command=np.stack([x[begin:], v[begin:], a[begin:]]), place=position, speed=speed,
+        greatest_speed=velocity, greatest_acceleration=acceleration,
         stiffness=omega**2, damping=2 * omega, time_step=step,
     )  # fmt: skip
     return Kinematics(x, v, a)
