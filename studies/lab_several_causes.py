@@ -35,7 +35,7 @@ def main() -> None:
     parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
     parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "lab_several_causes")
     parser.add_argument("--scenes", type=int, default=SCENES.usual)
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--threads", type=int, default=None)
     parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
     found = find_causes(

@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import jsonschema
 import numpy as np
@@ -16,8 +17,10 @@ from vsr2._native import build_facts
 from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import load_study, study_from_mapping
 from vsr2.diagnosis import Execution, Hypotheses, causes_schema, find_causes
-from vsr2.diagnosis.causes import FILES
+from vsr2.diagnosis.causes import FILES, _drawn
+from vsr2.diagnosis.margins.cause_space import cause_space
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES
+from vsr2.diagnosis.margins.outcome_model import Particles
 from vsr2.diagnosis.margins.simulated_scenes import SCENES
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request, Responses
@@ -233,6 +236,23 @@ def test_the_verb_writes_what_the_function_does(campaign, tmp_path, capsys) -> N
     assert "draw_003.yaml" not in names
     draw = load_study(tmp_path / "out" / "corrected_draws" / "draw_000.yaml", check_files=False)
     assert set(draw.effects) <= set(OFFERED)
+
+
+def test_drawn_scenes_are_a_sample_of_what_acts(tmp_path) -> None:
+    """Particles of one descent lie beside each other: here the second half has the effect."""
+    space = replace(cause_space(library()), names=("friction",))
+    points = space.draw(1000, np.random.default_rng(3))
+    acts = np.zeros((1000, 2), dtype=bool)
+    acts[500:, 0] = True
+    still = np.zeros(1000)
+    particles = Particles(points, acts, np.zeros((1000, 1)), still, np.zeros((1000, 2)), still)
+    model = SimpleNamespace(space=space, names=space.all_names)
+    study = study_from_mapping(BOX, base=tmp_path)
+    drawn = _drawn(study, model, particles, 100, np.random.default_rng(0))
+    assert len(drawn) == 100
+    # 4 standard deviations of a binomial share.
+    assert abs(sum("friction" in one.effects for one in drawn) - 50) <= 20
+    assert len({json.dumps(one.effects) for one in drawn if one.effects}) > 20
 
 
 def test_sizes_of_angles_and_of_what_may_be_off() -> None:

@@ -227,7 +227,8 @@ def find_causes(
         **_not_looked_for(simulator, model.names),
         "provenance": _rested_on(study, hypotheses, simulator) | work,
     }
-    drawn = _drawn(study, model, posterior.particles, posterior_draws)
+    rng = np.random.default_rng([seed, MarginStream.CORRECTED])
+    drawn = _drawn(study, model, posterior.particles, posterior_draws, rng)
     content["provenance"]["wall_time_s"] = watch.wall_s
     names = tuple(trial.trial for trial in used.trials)
     result = Causes(content, names, _probabilities(judged), corrected, drawn)
@@ -384,11 +385,18 @@ def _corrected(
 
 
 def _drawn(
-    study: Study, model: OutcomeModel, particles: Particles, draws: int
+    study: Study,
+    model: OutcomeModel,
+    particles: Particles,
+    draws: int,
+    rng: np.random.Generator,
 ) -> tuple[Study, ...]:
-    """The scene with what acts in the first particles that a study can state."""
+    """The scene with what acts in particles at random, those that a study can state.
+
+    Particles that descend from one lie beside each other, so that the first ones are no sample.
+    """
     out: list[Study] = []
-    for k in range(len(particles)):
+    for k in rng.permutation(len(particles)):
         if len(out) == draws:
             break
         own = particles.taken(np.array([k]))

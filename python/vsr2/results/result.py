@@ -183,7 +183,7 @@ class BatchResult(OneLine):
         for name, words in WORDS.items():
             columns[name] = _as_members(name, columns[name], words)
         provenance = ReadOnlyDict(self.provenance)
-        self.__setstate__({"trials": columns, "logs": self.logs, "provenance": provenance})
+        self.__setstate__({"trials": columns, "logs": tuple(self.logs), "provenance": provenance})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # numpy forgets in pickles and copies that an array is read-only.

@@ -155,6 +155,9 @@ class Trial(OneLine):
                     f"Trial: {key} must be {remedy} (is {shown(value)} of type "
                     f"{type(value).__name__})"
                 )
+        object.__setattr__(self, "effects", tuple(self.effects))
+        if not all(isinstance(one, Applied) for one in self.effects):
+            raise SimulationError("Trial: effects must be those that `vsr2.apply_effects` put in")
         if self.drive not in DRIVE_MODES:
             raise SimulationError(
                 f"Trial: drive must be {' or '.join(DRIVE_MODES)} (is {shown(self.drive)})"

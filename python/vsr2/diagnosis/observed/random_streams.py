@@ -83,3 +83,5 @@ class MarginStream(IntEnum):
     """What acts, by the motions of the other folds."""
     ACTING = 104
     """What acts, by all outcomes."""
+    CORRECTED = 105
+    """Which particles become corrected scenes."""
