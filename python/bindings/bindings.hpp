@@ -230,6 +230,7 @@ void bind_scene(py::module_& m);
 void bind_worlds(py::module_& m);
 /// Trials, their results and columns, and batches of them.
 void bind_trials(py::module_& m);
+/// Motions of the pedestal that the core computes.
 void bind_motions(py::module_& m);
 
 }  // namespace vsr2::binding

@@ -44,10 +44,10 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
 
 def question(asked: dict[str, Any]) -> tuple[object, ...]:
     """All that changes what is found."""
-    told: Hypotheses = asked["hypotheses"]
+    given: Hypotheses = asked["hypotheses"]
     return (
-        asked["scenes"] or SCENES.usual, asked["seed"], sorted(told.exclude),
-        tuple(told.contact_family), tuple(told.nuisances), dict(told.priors), told.library,
+        asked["scenes"] or SCENES.usual, asked["seed"], sorted(given.exclude),
+        tuple(given.contact_family), tuple(given.nuisances), dict(given.priors), given.library,
     )  # fmt: skip
 
 

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import json
-import os
 from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, dataclass
 from os import PathLike
@@ -65,6 +64,7 @@ from vsr2.diagnosis.verdict.inferred_causes import (
 from vsr2.errors import ConfigError, DiagnosisError
 from vsr2.results import base_provenance
 from vsr2.results.atomic import csv_text, write_text
+from vsr2.simulation.batch import usable_threads
 
 Array = NDArray[np.float64]
 CAUSES_FILE = "causes.json"
@@ -243,7 +243,7 @@ def _judged_held_out(
     """Losses with choices of the likeliest causes, on motions they were not inferred from."""
     return judge_causes(
         model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
-        threads=_threads(execution),
+        threads=usable_threads(execution.threads),
         progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
     )  # fmt: skip
 
@@ -309,7 +309,7 @@ def _modelled(
             progress=lambda done, of: _report(execution, Stage.JUDGEMENT, done / of),
         )  # fmt: skip
         work = {"scenes": scenes, "simulations": cache.asked, "simulated": cache.simulated}
-    work["threads"] = _threads(execution)
+    work["threads"] = usable_threads(execution.threads)
     emulator = found.known().emulator(space)
     nuisances = len(simulator.nuisance_names)
     model = OutcomeModel(
@@ -348,11 +348,6 @@ def _judged_by(given: Campaign) -> Campaign:
     """Its trials with motion and outcome."""
     moved = given.with_motion()
     return moved.select(np.isfinite(moved.overturned))
-
-
-def _threads(execution: Execution) -> int:
-    """Of this process; a cluster has its own for simulations."""
-    return execution.threads or len(os.sched_getaffinity(0))
 
 
 def _probabilities(judged: HeldOutCauses) -> dict[str, Array]:
