@@ -7,9 +7,10 @@ Takes each trial's probability of overturning on motions that were not seen, fro
 predictions of the search for causes: without a cause and with all. Trials are put into classes by
 PGA, PGV/PGA, month, order within a day, and motion. Columns: trials of the class, how many
 overturned, how many were expected, and z, the difference over its standard error. That of a class
-of many motions is taken over the motions (their sums of residuals), of one motion over its trials
-(binomial). Of motions the five with the largest z without a cause are listed. The committed table
-is docs/results/lab_residuals.csv. The data record no direction of fall.
+of many motions is taken over the motions (their sums of residuals). That of one motion is the
+binomial one times the factor by which motions scatter more than that: trials of a motion fall and
+stand together. Of motions the five with the largest z without a cause are listed. The committed
+table is docs/results/lab_residuals.csv. The data record no direction of fall.
 """
 
 from __future__ import annotations
@@ -35,12 +36,25 @@ def quarters(values: Array, unit: str) -> list[str]:
     return [f"{k + 1}: {ends[k]:.3g} to {ends[k + 1]:.3g} {unit}" for k in place]
 
 
-def difference(residuals: Array, variances: Array, motions: NDArray[np.str_]) -> float:
-    """Sum of residuals over its standard error."""
-    names = np.unique(motions)
-    if names.size == 1:
-        return float(residuals.sum() / np.sqrt(variances.sum()))
-    sums = np.array([residuals[motions == name].sum() for name in names])
+def motion_sums(values: Array, motions: NDArray[np.str_]) -> Array:
+    """Sum over the trials of each motion, shape (motions,)."""
+    return np.array([values[motions == name].sum() for name in np.unique(motions)])
+
+
+def difference(
+    residuals: Array, variances: Array, motions: NDArray[np.str_], overdispersion: float
+) -> float:
+    """Sum of residuals over its standard error.
+
+    Args:
+        residuals: outcome less probability, shape (trials,).
+        variances: binomial ones, shape (trials,).
+        motions: of the trials.
+        overdispersion: variance of a motion's sum over the binomial one.
+    """
+    sums = motion_sums(residuals, motions)
+    if sums.size == 1:
+        return float(residuals.sum() / np.sqrt(overdispersion * variances.sum()))
     return float(sums.sum() / np.sqrt((sums**2).sum()))
 
 
@@ -78,6 +92,11 @@ def main() -> None:
         "half of a day": ["1" if place[id(trial)] < 0.5 else "2" for trial in asked],
         "motion": motions.tolist(),
     }
+    overdispersion = {
+        key: float((motion_sums(fell - p, motions) ** 2).sum() / (p * (1 - p)).sum())
+        for key, p in expected.items()
+    }
+    print("overdispersion of motions", overdispersion)
     table = []
     for look, names in looks.items():
         found = []
@@ -91,7 +110,8 @@ def main() -> None:
             }
             for key, p in expected.items():
                 own = p[rows_in]
-                z = difference(fell[rows_in] - own, own * (1 - own), motions[rows_in])
+                residuals, variances = fell[rows_in] - own, own * (1 - own)
+                z = difference(residuals, variances, motions[rows_in], overdispersion[key])
                 line[f"expected_{key}_causes"] = round(float(own.sum()), 2)
                 line[f"z_{key}_causes"] = round(z, 2)
             found.append(line)

@@ -111,7 +111,7 @@ def predicted(folder: Path, out: Path, *, effects: bool) -> object:
 
 def attributed(folder: Path, out: Path, *, effects: bool) -> object:
     path, given = scene(folder, effects=effects), ("--scenes", SCENES.least, "--threads", 1)
-    few = replace(HELD_OUT_CAUSES, particles=20, judged=1)
+    few = replace(HELD_OUT_CAUSES, particles=20, everything=20, judged=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("vsr2.diagnosis.margins.held_out_causes.HELD_OUT_CAUSES", few)
         left_out = [part for name in library() if name not in KEPT for part in ("--exclude", name)]

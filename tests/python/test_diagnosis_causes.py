@@ -51,7 +51,7 @@ def scene():
 def few_particles():
     """Enough for what is asked here, at a tenth of the time."""
     with pytest.MonkeyPatch.context() as patch:
-        few = replace(HELD_OUT_CAUSES, particles=40, folds=4)
+        few = replace(HELD_OUT_CAUSES, particles=40, everything=40, folds=4)
         patch.setattr("vsr2.diagnosis.margins.held_out_causes.HELD_OUT_CAUSES", few)
         yield
 
