@@ -56,12 +56,8 @@ struct FastModel {
   ContactValues pair;
 };
 
-/// Rigid motion of the support at the start of a step.
-struct Support {
-  Eigen::Vector3d p_WP = Eigen::Vector3d::Zero();  ///< [m]
-  Eigen::Matrix3d R_WP = Eigen::Matrix3d::Identity();
-  Eigen::Vector3d v_WP = Eigen::Vector3d::Zero();  ///< over the step [m/s]
-  Eigen::Vector3d w_WP = Eigen::Vector3d::Zero();  ///< [rad/s]
+/// Motion of the support at the start of a step; velocities are those over the step.
+struct Support : PedestalMotion {
   bool level = true;  ///< R_WP is the identity and w_WP zero: saves the rotations
 };
 

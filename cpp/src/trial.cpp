@@ -100,6 +100,7 @@ class Trial {
         dt_(world_.dt()),
         size_(static_cast<std::int64_t>(spec.position.size())),
         tail_rest_(spec.tail_rest, dt_, world_.swings()),
+        skips_(spec.start->scene()->engine().skip_quiet && spec.contacts_every == 0),
         quiet_(spec),
         still_({kQuietStretch.still_speed, kQuietStretch.still_rate, kQuietStretch.still_window}, dt_,
                world_.swings()) {
@@ -152,13 +153,13 @@ class Trial {
       ++shaken_;
       observe(shaken_, target);
       if (overturned_ && spec_.stop_early) return true;
-      still_.at_rest(world_.rock(), world_.pedestal_motion());
+      if (skips_) still_.at_rest(world_.rock(), world_.pedestal_motion());
     }
   }
 
-  // Passes over steps in which a rock at rest is bound to stay so. Logs of contacts need every step.
+  // Passes over steps in which a rock at rest is bound to stay so.
   void skip_quiet() {
-    if (!spec_.start->scene()->engine().skip_quiet || spec_.contacts_every > 0) return;
+    if (!skips_) return;
     if (shaken_ < ask_from_ || !still_.at_rest_for(1)) return;
     const std::optional<Foothold> foothold = world_.foothold();
     if (!foothold) return;
@@ -291,6 +292,7 @@ class Trial {
   double dt_;
   std::int64_t size_;  ///< set-points of the motion
   RestClock tail_rest_;
+  bool skips_;  ///< quiet stretches; logs of contacts need every step
   QuietStretches quiet_;
   RestClock still_;
   std::int64_t ask_from_ = 0;  ///< first step from which quiet_ may give more
