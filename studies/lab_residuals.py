@@ -72,10 +72,9 @@ def main() -> None:
     asked = [trials[row["trial"]] for row in rows]
     fell = np.array([bool(trial.overturned) for trial in asked], dtype=float)
     motions = np.array([trial.motion for trial in asked])
-    without, everything = list(rows[0])[1], list(rows[0])[-1]
     expected = {
         name: np.array([float(row[column]) for row in rows])
-        for name, column in (("without", without), ("with", everything))
+        for name, column in (("without", "none"), ("with", "all"))
     }
     days = [trial.session for trial in asked]
     place = {

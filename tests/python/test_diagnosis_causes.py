@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import csv
 import json
 from dataclasses import replace
 from pathlib import Path
@@ -18,6 +19,8 @@ from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import load_study, study_from_mapping
 from vsr2.diagnosis import Execution, Hypotheses, causes_schema, find_causes
 from vsr2.diagnosis.causes import FILES, _drawn
+from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
+from vsr2.diagnosis.how_far.explained_gap import _floor_scores
 from vsr2.diagnosis.margins.cause_space import cause_space
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES
 from vsr2.diagnosis.margins.outcome_model import Particles
@@ -107,7 +110,7 @@ def test_every_key_is_explained(found) -> None:
         jsonschema.validate(content | {"together": "registration"}, causes_schema())
     held_out = content["held_out"]
     parts = (content, content["emulator"], held_out, held_out["all"], content["causes"][0])
-    for part in (*parts, held_out["controls"], held_out["logistic"]):
+    for part in (*parts, held_out["likely"], held_out["controls"], held_out["logistic"]):
         lacking = [key for key in part if f"`{key}`" not in page]
         assert lacking == []
     for key in ("scene", "scene_effects", "priors", "seed", "constants", "simulations"):
@@ -141,11 +144,50 @@ def test_scatter_is_no_cause(found) -> None:
     assert "causes beyond the logistic curve" in text
 
 
+def test_what_is_likely_in_each_fold_is_judged_and_told(found) -> None:
+    result, folder = found
+    likely = result.content["held_out"]["likely"]
+    assert likely["of"] == 4
+    assert likely["folds"]["table_gain"] == 4
+    with (folder / "held_out.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    own = np.array([float(row["likely"]) for row in rows])
+    np.testing.assert_allclose(own, result.held_out["likely"])
+    assert likely["loss"]["value"] < result.content["held_out"]["as_it_is"]["loss"]["value"]
+    assert "outside each of 4 folds: table_gain in 4" in causes_text(result)
+
+
+def test_a_campaign_without_a_gap_has_scores(campaign, found) -> None:
+    """No simulation is predicted perfectly by others, and none worse than by a guess."""
+    held_out = found[0].content["held_out"]
+    scores = held_out["floor"]["scores"]
+    assert set(scores) == {"accuracy", "precision", "recall", "objective"}
+    low, high = scores["objective"]["ci95"]
+    assert 0.5 < low <= scores["objective"]["value"] <= high <= 1
+    mean = np.mean([scores[name]["value"] for name in ("accuracy", "precision", "recall")])
+    assert scores["objective"]["value"] == pytest.approx(mean)
+
+
+def test_the_scores_of_a_campaign_without_a_gap_are_those_of_its_simulations() -> None:
+    """Two trials that always end alike, and a third that overturned once in three."""
+    ends = np.array([[1.0, 0, 1], [1, 0, 0], [1, 0, 0]])
+    scores = _floor_scores(Ensemble(ends, np.zeros((3, 3, 0))))
+    # The first is mistaken in the third trial; the others are predicted by one each way: 1/2.
+    assert scores["accuracy"]["value"] == pytest.approx((2 / 3 + 1 + 1) / 3)
+    assert scores["precision"]["value"] == pytest.approx(1.0)
+    assert scores["recall"]["value"] == pytest.approx((1 / 2 + 1 + 1) / 3)
+
+
 def test_without_a_gap_nothing_is_closed(found) -> None:
     content = json.loads(found[0].to_json())
     none = {"value": None, "ci95": None}
     held_out = content["held_out"]
-    for part in (held_out["all"], held_out["scatter_alone"], *held_out["controls"].values()):
+    for part in (
+        held_out["all"],
+        held_out["likely"],
+        held_out["scatter_alone"],
+        *held_out["controls"].values(),
+    ):
         part["closure"] = none
     held_out |= dict.fromkeys(("beyond_scatter", "beyond_controls", "beyond_logistic"), none)
     jsonschema.validate(content, causes_schema())

@@ -16,7 +16,7 @@ from vsr2.analysis.overturning_margin import MARGIN
 from vsr2.diagnosis.margins import held_out_causes
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.cause_space import cause_space, draw_scene
-from vsr2.diagnosis.margins.held_out_causes import HeldOutCauses, held_out_probability
+from vsr2.diagnosis.margins.held_out_causes import HeldOutCauses, held_out_probability, judge_causes
 from vsr2.diagnosis.margins.margin_search import SEARCH, search_margins
 from vsr2.diagnosis.margins.outcome_model import (
     OUTCOME_MODEL,
@@ -353,13 +353,35 @@ def test_a_motion_is_predicted_by_the_others_alone(monkeypatch) -> None:
     assert (changed[fold != 1] != found[fold != 1]).all()
 
 
+def test_likely_causes_are_chosen_by_the_other_motions(monkeypatch) -> None:
+    """All of one fold overturns and most of the rest: slenderness is likely where that is seen."""
+    motions = np.repeat([f"m{i}" for i in range(6)], 4)
+    fold = np.repeat([0, 1, 2], 8)
+    monkeypatch.setattr(held_out_causes, "grouped_folds", lambda *_: fold)
+    outcomes = fold != 1
+    model = toy(outcomes, motions)
+    judged = judge_causes(model, (), likely=0.5)
+    assert set(judged.likely_in) == {0, 1, 2}
+    # Without the fold that stood, only a stronger motion or a more slender rock explain the rest.
+    assert judged.likely_in[1]
+    for k, names in judged.likely_in.items():
+        sure = replace(model, allowed=names, certain=names)
+        alone = held_out_probability(sure, 0)
+        np.testing.assert_array_equal(judged.likely[fold == k], alone[fold == k])
+    other = judge_causes(replace(model, overturned=np.ones(24, dtype=bool)), (), likely=0.5)
+    assert other.likely_in[1] == judged.likely_in[1]
+    np.testing.assert_array_equal(other.likely[fold == 1], judged.likely[fold == 1])
+    assert judge_causes(model, (), likely=0.0).likely_in[0] == frozenset(model.names)
+
+
 def test_shares_sum_to_what_all_causes_take_off() -> None:
     rng = np.random.default_rng(13)
     overturned = rng.random(30) < 0.5
     names = ("a", "b", "c")
     sets = [frozenset(chosen) for k in range(4) for chosen in combinations(names, k)]
     given = {one: rng.uniform(0.1, 0.9, 30) for one in sets}
-    judged = HeldOutCauses(names, given, rng.uniform(0.1, 0.9, 30), overturned, np.arange(30) % 5)
+    everything, fold = rng.uniform(0.1, 0.9, 30), np.arange(30) % 5
+    judged = HeldOutCauses(names, given, everything, everything, {}, overturned, fold)
     total = sum(judged.share(name) for name in names)
     np.testing.assert_allclose(total, judged.loss(frozenset()) - judged.loss(frozenset(names)))
 

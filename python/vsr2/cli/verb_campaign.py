@@ -249,7 +249,7 @@ class Attributing:
 
     Attributes:
         out: folder for tables, the corrected scene and simulations (default: nothing is written)
-        scenes: whose margins are sought (default: 600)
+        scenes: whose margins are sought (default: 800)
         posterior_draws: write so many scenes with a draw of the posterior each, too; needs --out
         one_contact_model: keep the contact model of the study in all scenes, in place of drawing
             another correct one for each

@@ -90,7 +90,8 @@ class Causes:
         content: plain data, as in causes.json: see docs/reference/outputs.md.
         trials: of the campaign, in its order.
         held_out: probability of overturning, each motion judged by the others, by name of what may
-            act: `none`, the causes that are judged together joined by "+", `all`; shapes (trials,).
+            act: `none`, the causes that are judged together joined by "+", `all`, and `likely`,
+            what acts with 0.5 or more by the other motions; shapes (trials,).
         corrected: the scene with its likely causes at their posterior mean; None: there is none, or
             no study states them.
         drawn: scenes with what acts in a draw of the posterior each.
@@ -242,7 +243,7 @@ def _judged_held_out(
 ) -> HeldOutCauses:
     """Losses with choices of the likeliest causes, on motions they were not inferred from."""
     return judge_causes(
-        model, likeliest[: HELD_OUT_CAUSES.judged], seed=seed,
+        model, likeliest[: HELD_OUT_CAUSES.judged], likely=FOUND_CAUSES.likely, seed=seed,
         threads=usable_threads(execution.threads),
         progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
     )  # fmt: skip
@@ -353,7 +354,7 @@ def _judged_by(given: Campaign) -> Campaign:
 def _probabilities(judged: HeldOutCauses) -> dict[str, Array]:
     """Of overturning, by name of what may act."""
     found = {_label(allowed): p for allowed, p in judged.probability.items()}
-    return found | {"all": judged.everything}
+    return found | {"all": judged.everything, "likely": judged.likely}
 
 
 def _label(allowed: frozenset[str]) -> str:

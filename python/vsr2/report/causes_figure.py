@@ -61,6 +61,7 @@ def _waterfall(panel: Axes, held_out: Mapping[str, Any], steps: list[Any]) -> No
     rows = [("as it is", held_out["as_it_is"]["loss"], RED)]
     rows += [(plain(label), loss, BLUE if cause else _DIM) for label, cause, loss in steps]
     rows.append(("with all effects", held_out["all"]["loss"], BLUE))
+    rows.append(("with the likely ones", held_out["likely"]["loss"], BLUE))
     for control, label in CONTROL_LABELS.items():
         rows.append((label, held_out["controls"][control]["loss"], _DIM))
     if held_out["logistic"] is not None:

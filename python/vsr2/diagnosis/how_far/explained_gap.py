@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from typing import Any
 
 import numpy as np
@@ -9,7 +10,8 @@ from numpy.typing import NDArray
 
 from vsr2.analysis import logistic_baseline
 from vsr2.analysis.intervals import INTERVALS
-from vsr2.analysis.probability import outcome_loss, probability_intervals
+from vsr2.analysis.metrics import classification_metrics
+from vsr2.analysis.probability import RELIABILITY, outcome_loss, probability_intervals
 from vsr2.campaign import Campaign, intensity_measures
 from vsr2.diagnosis.how_far.ensemble_losses import (
     Ensemble,
@@ -31,6 +33,9 @@ from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.errors import CampaignError, MotionError, ResultError
 
 Array = NDArray[np.float64]
+CLASSIFIED = ("accuracy", "precision", "recall", "objective")
+"""Scores of predicted outcomes."""
+_LIKELY = "likely"
 
 
 def simulate_as_it_is(
@@ -64,6 +69,7 @@ def explained_gap(
     """
     curve = _logistic(used, seed)
     losses, steps = _losses(judged, as_it_is, used, seed), _steps(judged)
+    losses[_LIKELY] = judged.likely_loss()
     for cause in judged.causes:
         losses[f"share {cause}"] = judged.share(cause)
     if curve is not None:
@@ -88,7 +94,11 @@ def explained_gap(
         "as_it_is": {"loss": interval(before).to_json()},
         "waterfall": [{"causes": sorted(step)} | closes(means[_label(step)]) for step in steps],
         "all": closes(after),
-        "floor": {"loss": interval(means[Loss.FLOOR]).to_json()},
+        "likely": closes(means[_LIKELY]) | _likely(judged, used, seed),
+        "floor": {
+            "loss": interval(means[Loss.FLOOR]).to_json(),
+            "scores": _floor_scores(as_it_is),
+        },
         "scatter_alone": closes(scatter),
         "beyond_scatter": share_of_gap(scatter - after, gap).to_json(),
         "controls": {one.value: closes(means[one]) for one in CONTROLS},
@@ -97,11 +107,8 @@ def explained_gap(
         if curve is None
         else share_of_gap(means["logistic"] - after, gap).to_json(),
         "shares": {
-            cause: {
-                "loss": interval(means[f"share {cause}"]).to_json(),
-                "of_gap": share_of_gap(means[f"share {cause}"], gap).to_json(),
-            }
-            for cause in judged.causes
+            cause: {"loss": interval(own).to_json(), "of_gap": share_of_gap(own, gap).to_json()}
+            for cause, own in ((cause, means[f"share {cause}"]) for cause in judged.causes)
         },
         "scores": _scores(judged.everything, used, seed),
         "logistic": None if curve is None else {
@@ -110,6 +117,38 @@ def explained_gap(
             "loss_above_all": interval(means["logistic"] - after).to_json(),
         },
     }  # fmt: skip
+
+
+def _likely(judged: HeldOutCauses, used: Campaign, seed: int) -> dict[str, Any]:
+    """In how many folds each cause is likely, the most frequent first, and how these predict."""
+    counts = Counter(name for names in judged.likely_in.values() for name in sorted(names))
+    folds, scores = dict(counts.most_common()), _scores(judged.likely, used, seed)
+    return {"folds": folds, "of": len(judged.likely_in), "scores": scores}
+
+
+def _floor_scores(as_it_is: Ensemble) -> dict[str, Any]:
+    """What a campaign without a gap would score, by simulations predicted by the others.
+
+    Means, and where 95 % of the simulations lie.
+    """
+    found: dict[str, list[float]] = {name: [] for name in CLASSIFIED}
+    everyone = np.arange(len(as_it_is))
+    for i in everyone:
+        truth = as_it_is.overturned[i]
+        known = np.isfinite(truth)
+        others = as_it_is.take(np.delete(everyone, i)).probability
+        scores = classification_metrics(truth[known] > 0, others[known] > RELIABILITY.threshold)
+        for name, values in found.items():
+            values.append(getattr(scores, name))
+    return {name: _spread(np.array(values)) for name, values in found.items()}
+
+
+def _spread(values: Array) -> dict[str, Any]:
+    kept = values[np.isfinite(values)]
+    if not kept.size:
+        return LossInterval(np.nan, np.nan, np.nan).to_json()
+    low, high = np.quantile(kept, INTERVALS.ends)
+    return LossInterval(float(kept.mean()), float(low), float(high)).to_json()
 
 
 def _steps(judged: HeldOutCauses) -> list[frozenset[str]]:

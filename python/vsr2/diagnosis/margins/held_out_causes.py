@@ -14,7 +14,7 @@ from vsr2.analysis.probability import outcome_loss
 from vsr2.analysis.shapley import shapley_share
 from vsr2.campaign.folds import grouped_folds
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
-from vsr2.diagnosis.margins.outcome_model import OutcomeModel
+from vsr2.diagnosis.margins.outcome_model import OutcomeModel, Particles, acting_share
 from vsr2.diagnosis.observed.random_streams import MarginStream
 
 Array = NDArray[np.float64]
@@ -48,29 +48,46 @@ def folds_of(model: OutcomeModel) -> NDArray[np.int64]:
     return grouped_folds(model.motions, model.overturned.astype(np.float64), count)
 
 
-def held_out_probability(
-    model: OutcomeModel, seed: int, threads: int = 1, particles: int | None = None
-) -> Array:
+def held_out_probability(model: OutcomeModel, seed: int, threads: int = 1) -> Array:
     """Of overturning, each motion by what the outcomes of other folds tell, shape (trials,).
 
     Args:
         model: of outcomes.
         seed: of draws; each fold has its own.
         threads: that share the folds; the result does not depend on them.
-        particles: of each posterior; None: as where some causes may act.
     """
-    count = HELD_OUT_CAUSES.particles if particles is None else particles
     fold = folds_of(model)
-    out = np.full(fold.size, np.nan)
+    models = dict.fromkeys(np.unique(fold).tolist(), model)
+    found = _posteriors(models, fold, HELD_OUT_CAUSES.particles, seed, threads)
+    return _probability(models, found, fold)
 
-    def predict(k: int) -> None:
+
+def _posteriors(
+    models: Mapping[int, OutcomeModel],
+    fold: NDArray[np.int64],
+    particles: int,
+    seed: int,
+    threads: int,
+) -> dict[int, Particles]:
+    """What acts by the outcomes outside each fold, of a model each."""
+
+    def sampled(k: int) -> Particles:
         rng = np.random.default_rng([seed, MarginStream.FOLDS, k])
-        seen, rest = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
-        found = sample_posterior(model, seen, rng, particles=count)
-        out[rest] = model.probability(found.particles, rest)
+        seen = np.flatnonzero(fold != k)
+        return sample_posterior(models[k], seen, rng, particles=particles).particles
 
     with ThreadPoolExecutor(threads) as pool:
-        list(pool.map(predict, np.unique(fold).tolist()))
+        return dict(zip(models, pool.map(sampled, models), strict=True))
+
+
+def _probability(
+    models: Mapping[int, OutcomeModel], found: Mapping[int, Particles], fold: NDArray[np.int64]
+) -> Array:
+    """Of overturning in the trials of each fold, shape (trials,)."""
+    out = np.full(fold.size, np.nan)
+    for k, particles in found.items():
+        rest = np.flatnonzero(fold == k)
+        out[rest] = models[k].probability(particles, rest)
     return out
 
 
@@ -82,6 +99,8 @@ class HeldOutCauses:
         causes: that are judged one by one, the most probable first.
         probability: of overturning, shape (trials,), by which of these causes may act.
         everything: where all effects may act, shape (trials,).
+        likely: where those act that are likely by the other folds, and no others, shape (trials,).
+        likely_in: names of these, by fold.
         overturned: of each trial, shape (trials,).
         fold: of each trial, shape (trials,).
     """
@@ -89,6 +108,8 @@ class HeldOutCauses:
     causes: tuple[str, ...]
     probability: Mapping[Allowed, Array]
     everything: Array
+    likely: Array
+    likely_in: Mapping[int, Allowed]
     overturned: NDArray[np.bool_]
     fold: NDArray[np.int64]
 
@@ -100,6 +121,10 @@ class HeldOutCauses:
         """The same where all effects may act, shape (trials,)."""
         return outcome_loss(self.everything, self.overturned.astype(np.float64))
 
+    def likely_loss(self) -> Array:
+        """The same where those act that are likely by the other folds, shape (trials,)."""
+        return outcome_loss(self.likely, self.overturned.astype(np.float64))
+
     def share(self, cause: str) -> Array:
         """What a cause takes off each trial's loss, the mean over all orders, shape (trials,)."""
         return shapley_share({allowed: self.loss(allowed) for allowed in self.probability}, cause)
@@ -109,11 +134,12 @@ def judge_causes(
     model: OutcomeModel,
     causes: Sequence[str],
     *,
+    likely: float,
     seed: int = 0,
     threads: int = 1,
     progress: Callable[[float], None] | None = None,
 ) -> HeldOutCauses:
-    """Losses with every choice of the causes, and with all effects.
+    """Losses with every choice of the causes, with all effects, and with the likely ones.
 
     Which causes are judged was chosen with all outcomes; whether each acts, how strongly, and the
     scatter come from the other folds.
@@ -121,6 +147,7 @@ def judge_causes(
     Args:
         model: in which all effects that are looked for may act.
         causes: that are judged one by one.
+        likely: probability from which a cause is taken to act.
         seed: of all draws; choices share it.
         threads: as of :func:`held_out_probability`.
         progress: called with the share that is done.
@@ -135,7 +162,21 @@ def judge_causes(
         found[allowed] = held_out_probability(replace(model, allowed=allowed), seed, threads)
         if progress is not None:
             progress((k + 1) / (len(choices) + 1))
-    everything = held_out_probability(model, seed, threads, HELD_OUT_CAUSES.everything)
+    fold = folds_of(model)
+    models = dict.fromkeys(np.unique(fold).tolist(), model)
+    posteriors = _posteriors(models, fold, HELD_OUT_CAUSES.everything, seed, threads)
+    everything = _probability(models, posteriors, fold)
+    named = {k: _likely(model, one, likely) for k, one in posteriors.items()}
+    sure = {k: replace(model, allowed=own, certain=own) for k, own in named.items()}
+    again = _posteriors(sure, fold, HELD_OUT_CAUSES.particles, seed, threads)
     if progress is not None:
         progress(1.0)
-    return HeldOutCauses(tuple(causes), found, everything, model.overturned, folds_of(model))
+    return HeldOutCauses(
+        tuple(causes), found, everything, _probability(sure, again, fold), named,
+        model.overturned, fold,
+    )  # fmt: skip
+
+
+def _likely(model: OutcomeModel, particles: Particles, least: float) -> Allowed:
+    """Names of the effects that act with some probability at least."""
+    return frozenset(n for n, acts in acting_share(particles, model.names).items() if acts >= least)

@@ -17,7 +17,7 @@ from vsr2.diagnosis.verdict.diagnosis_schema import (
 )
 from vsr2.errors import Fault
 
-CausesSchema = Literal["vsr2.causes/3"]
+CausesSchema = Literal["vsr2.causes/4"]
 CAUSES_SCHEMA: CausesSchema = get_args(CausesSchema)[0]
 """Form of causes.json."""
 Ends = tuple[float | None, float | None]
@@ -67,6 +67,20 @@ class _Loss(SchemaPart):
     loss: Estimate
 
 
+class _Floor(_Loss):
+    """Scores of simulations by the others, with where 95 % of these lie."""
+
+    scores: dict[str, Estimate]
+
+
+class _Likely(Control):
+    """With the effects that are likely by the other folds; in how many of the folds each is."""
+
+    folds: dict[str, Count]
+    of: Count
+    scores: dict[str, Estimate]
+
+
 class _Step(Control):
     causes: list[str]
 
@@ -91,7 +105,8 @@ class _HeldOut(SchemaPart):
     as_it_is: _Loss
     waterfall: list[_Step]
     all: Control
-    floor: _Loss
+    likely: _Likely
+    floor: _Floor
     scatter_alone: Control
     beyond_scatter: Estimate
     controls: Controls

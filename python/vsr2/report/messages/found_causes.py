@@ -90,8 +90,16 @@ def _waterfall(content: Mapping[str, Any]) -> str:
         share = _interval(held_out["shares"][cause]["of_gap"]) if cause else ""
         rows.append([label, _interval(loss), share])
     rows.append(["with all effects", _interval(held_out["all"]["loss"]), ""])
+    rows.append(["with the likely ones", _interval(held_out["likely"]["loss"]), ""])
     rows.append(["floor: a campaign without a gap", _interval(held_out["floor"]["loss"]), ""])
-    return table(rows, str.ljust)
+    return f"{_likely_in(held_out['likely'])}\n\n{table(rows, str.ljust)}"
+
+
+def _likely_in(likely: Mapping[str, Any]) -> str:
+    """In how many folds each cause is likely."""
+    counts = ", ".join(f"{name} in {count}" for name, count in likely["folds"].items())
+    folds = counted(likely["of"], "fold")
+    return f"likely by the motions outside each of {folds}: {counts or 'nothing in any'}"
 
 
 def _closed(content: Mapping[str, Any]) -> str:
@@ -142,11 +150,14 @@ def waterfall_steps(content: Mapping[str, Any]) -> list[tuple[str, str | None, M
 def _scores(content: Mapping[str, Any]) -> str:
     held_out = content["held_out"]
     rows = [["out of fold", *_SCORES.values()]]
-    given = [("these causes", held_out["scores"])]
+    given = [("all effects", held_out["scores"])]
+    given.append(("likely ones", held_out["likely"]["scores"]))
     if held_out["logistic"] is not None:
         given.append(("logistic curve", held_out["logistic"]["scores"]))
+    given.append(("without a gap", held_out["floor"]["scores"]))
     for label, scores in given:
-        rows.append([label, *(_interval(scores[name]) for name in _SCORES)])
+        cells = (_interval(scores[name]) if name in scores else "" for name in _SCORES)
+        rows.append([label, *cells])
     return table(rows, str.ljust)
 
 
