@@ -71,6 +71,8 @@ def test_peaks_of_nothing_are_refused():
         ({"time_step": 0.0}, "time_step must be a positive number"),
         ({"time_step": float("nan")}, "time_step must be a positive number"),
         ({"time_step": "fast"}, "time_step must be a positive number"),
+        ({"time_step": True}, "time_step must be a positive number"),
+        ({"resampling_error": "low"}, r"resampling_error must be a finite number \[m\]"),
         ({"name": 7}, "name must be text"),
         ({"kind": "record"}, "kind must be cosine or recording"),
         ({"velocity": np.zeros(3)}, "displacement and velocity contradict each other"),

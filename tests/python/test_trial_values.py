@@ -20,7 +20,17 @@ from vsr2.effects import EffectRangeWarning, apply_effects
 from vsr2.errors import ConfigError, GeometryError
 from vsr2.motion import Motion, Record, SideMotion, build_recorded_motion
 from vsr2.results import BatchResult, Outcome, Status
-from vsr2.scene import Hull, Mechanisms, Pose, Scene, build_scene
+from vsr2.scene import (
+    Box,
+    Hull,
+    MassProperties,
+    Mechanisms,
+    PitchSpring,
+    Pose,
+    Scene,
+    Triangles,
+    build_scene,
+)
 from vsr2.simulation import native_scene, plan_sha256, run_batch
 from vsr2.simulation import native_scenes as module
 from vsr2.simulation.worker import _Unpickler, pack, packed_part
@@ -201,6 +211,102 @@ def test_all_that_acts_is_in_the_hash(trial: Trial) -> None:
         trial.with_scene(engine=scene.engine.model_copy(update={"gravity": 9.7})),
     ]
     assert len({trial.sha256, *(other.sha256 for other in others)}) == 9
+
+
+SPELLED = [int, np.int64, np.float32, np.float64]
+
+
+def whole_numbers(spelled: Callable[[int], Any], trial: Trial) -> Trial:
+    """A trial whose numbers are integers, spelled with other types."""
+
+    def numbers(*values: int) -> Any:
+        return tuple(spelled(value) for value in values)
+
+    turn = (0, 0, 0, 1)
+    scene = trial.scene
+    triangles = Triangles(
+        np.eye(3, dtype=np.asarray(spelled(1)).dtype),
+        np.array([[0, 1, 2]], np.int32 if spelled is float else np.int64),
+    )
+    mass = MassProperties(spelled(8), numbers(0, 0, 0), numbers(1, 1, 1), np.eye(3, dtype=int))
+    rock = replace(
+        scene.rock,
+        parts=[Box(numbers(1, 1, 2), numbers(0, 0, 1), numbers(*turn))],
+        mass=mass,
+        start=Pose(numbers(0, 0, 2), numbers(*turn)),
+    )
+    pedestal = replace(
+        scene.pedestal,
+        parts=[triangles],
+        origin=numbers(0, 0, 1),
+        top=spelled(1),
+        mass=spelled(500),
+        base_size=numbers(1, 1, 1),
+        pitch_pivot=spelled(1),
+        pitch_spring=PitchSpring(*numbers(8, 1, 0, 40)),
+        slope=numbers(1, 0, 0, 0),
+    )
+    mechanisms = Mechanisms(*numbers(1, 2, 3, 4, 5, 6, 7))
+    samples = {name: np.zeros(5, int) for name in ("displacement", "velocity", "acceleration")}
+    motion = Motion("rest", spelled(1), **samples, kind="recording", resampling_error=spelled(0))
+    made = replace(scene, rock=rock, pedestal=pedestal, mechanisms=mechanisms)
+    seed = np.int64(7) if spelled is np.int64 else 7
+    start = Pose(np.array(numbers(0, 0, 3)), numbers(*turn))
+    return Trial(made, motion, start=start, seed=seed)
+
+
+@pytest.mark.parametrize("spelled", SPELLED)
+def test_a_hash_does_not_depend_on_how_numbers_are_spelled(
+    trial: Trial, spelled: Callable[[int], Any]
+) -> None:
+    plain, other = whole_numbers(float, trial), whole_numbers(spelled, trial)
+    assert other.sha256 == plain.sha256
+    assert (other, other.scene, other.motion) == (plain, plain.scene, plain.motion)
+    assert len({plain, other}) == len({plain.scene, other.scene}) == 1
+    assert repr(other.scene.mechanisms) == repr(plain.scene.mechanisms)
+    assert repr(other.start_pose) == repr(plain.start_pose)
+    kinds = {type(value) for value in plain_values(other)}
+    assert not {kind for kind in kinds if issubclass(kind, np.generic)}
+
+
+def plain_values(value: Any) -> Iterator[Any]:
+    """Values anywhere in dataclasses and tuples that are no arrays."""
+    if isinstance(value, tuple):
+        for item in value:
+            yield from plain_values(item)
+    elif hasattr(value, "__dict__"):
+        yield from plain_values(tuple(vars(value).values()))
+    else:
+        yield value
+
+
+def test_the_indices_of_a_surface_are_kept_in_32_bits() -> None:
+    faces = np.array([[0, 1, 2]], np.int64)
+    assert Triangles(np.eye(3), faces).faces.dtype == np.int32
+    with pytest.raises(GeometryError, match=r"Triangles: faces holds 8589934592 .* 32 bits"):
+        Triangles(np.eye(3), faces * 2**32)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        (lambda s: replace(s, rock=1), r"Scene: rock is 1; it must be RockBody"),
+        (lambda s: replace(s, pedestal=None), r"Scene: pedestal is null; it must be PedestalBody"),
+        (lambda s: replace(s, contact={}), r"Scene: contact is \{\}; it must be Contact"),
+        (lambda s: replace(s.rock, parts=[1]), r"RockBody: parts\[0\] is 1; .* Hull or Box"),
+        (lambda s: replace(s.rock, parts=1), r"RockBody: parts is 1; give a tuple of Hull or Box"),
+        (lambda s: replace(s.rock, start=(0, 0, 1)), r"start is \(0, 0, 1\); it must be Pose"),
+        (lambda s: replace(s.rock, inertia_from_aabb=1), r"inertia_from_aabb is 1; .* be bool"),
+        (lambda s: replace(s.rock, surface=2), r"surface is 2; it must be Triangles or None"),
+        (lambda s: replace(s.pedestal, parts=["x"]), r"parts\[0\] is 'x'; .* Box or Triangles"),
+        (lambda s: replace(s.pedestal, top="high"), r"PedestalBody: top is not an array"),
+        (lambda s: replace(s.pedestal, mass=True), r"PedestalBody: mass is not an array"),
+        (lambda s: replace(s.mechanisms, adhesion=1j), r"Mechanisms: adhesion is not an array"),
+    ],
+)
+def test_a_scene_of_anything_else_is_refused(changed: Callable[[Scene], Any], message: str) -> None:
+    with pytest.raises(GeometryError, match=message):
+        changed(scene_of(BOX))
 
 
 def test_equal_scenes_share_a_native_scene_in_every_thread(

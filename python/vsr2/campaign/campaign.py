@@ -112,6 +112,8 @@ class MeasurementNoise:
             value = getattr(self, channel.name)
             if value is not None:
                 _refuse("noise", {channel.name: number_fault(value, 0, MAX_NOISE, "")})
+                # Files and hashes spell a float as Python does.
+                object.__setattr__(self, channel.name, float(value))
 
 
 @dataclass(frozen=True, eq=False)

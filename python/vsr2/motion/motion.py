@@ -16,7 +16,7 @@ from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import Filter, RecordUnits
 from vsr2.config.section import DEFAULT_TIME_STEP
 from vsr2.errors import MotionError, Renamed
-from vsr2.motion.samples import Deferred, length, samples_of
+from vsr2.motion.samples import Deferred, length, number_of, samples_of
 from vsr2.motion.units import STANDARD_GRAVITY
 from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyArrays
@@ -50,6 +50,8 @@ SIDES = ("transverse", "vertical", "pitch")
 CHANNELS = ("displacement", "velocity", "acceleration")
 _OWN = (*CHANNELS, "_deferred", "sha256")
 """What a motion that refers to another's samples does not take over."""
+_NUMBERS = {"time_step": "s", "resampling_error": "m", "resampling_error_rms": "m"}
+"""Fields that are numbers, with their unit."""
 
 
 @checked_names(MotionError)
@@ -80,8 +82,8 @@ class Motion(OneLine, ReadOnlyArrays):
 
     Raises:
         MotionError: fewer than 2 or more than `MAX_SAMPLES` samples, lengths differ, NaN or
-            infinity, no start at zero, channels that contradict each other, or a name, kind or time
-            step of another type.
+            infinity, no start at zero, channels that contradict each other, or a name, kind, time
+            step or error of resampling of another type.
     """
 
     name: str
@@ -108,12 +110,10 @@ class Motion(OneLine, ReadOnlyArrays):
             raise MotionError(
                 f"motion {self.name!r}: kind must be {' or '.join(KINDS)} (is {self.kind!r})"
             )
-        number = isinstance(self.time_step, (int, float)) and not isinstance(self.time_step, bool)
-        if not (number and math.isfinite(self.time_step) and self.time_step > 0):
-            raise MotionError(
-                f"motion {self.name!r}: time_step must be a positive number [s] (is "
-                f"{self.time_step!r})"
-            )
+        for field, unit in _NUMBERS.items():
+            what, positive = f"motion {self.name!r}: {field}", field == "time_step"
+            number = number_of(getattr(self, field), what, unit, positive=positive)
+            object.__setattr__(self, field, number)
         given = vars(self)
         if isinstance(given["acceleration"], Deferred):
             given["_deferred"] = given.pop("acceleration")

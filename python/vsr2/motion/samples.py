@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from dataclasses import dataclass
+from numbers import Real
 from typing import Any
 
 import numpy as np
@@ -54,6 +55,25 @@ def samples_of(given: Any, what: str, *, fewest: int, file: str = "") -> Array:
             file=file,
         )
     return value
+
+
+def number_of(given: Any, what: str, unit: str, *, positive: bool) -> float:
+    """`given` as a number of Python's own type, however numpy spells it.
+
+    Args:
+        given: what should be a number.
+        what: names it in errors.
+        unit: of it.
+        positive: whether it must be above 0.
+
+    Raises:
+        MotionError: no finite real number, or none above 0.
+    """
+    number = isinstance(given, Real) and not isinstance(given, bool)
+    if not (number and math.isfinite(given) and (given > 0 or not positive)):
+        kind = "positive" if positive else "finite"
+        raise MotionError(f"{what} must be a {kind} number [{unit}] (is {given!r})")
+    return float(given)
 
 
 def length(signal: Array) -> float:

@@ -10,21 +10,32 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.codes import Statement
-from vsr2.errors import GeometryError
-from vsr2.read_only import ReadOnlyArrays, read_only, real_array
+from vsr2.read_only import ReadOnlyArrays, read_only
+from vsr2.scene.field_values import (
+    check_kinds,
+    keep_array,
+    keep_indices,
+    keep_number,
+    keep_numbers,
+    keep_tuples,
+)
 
 Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True)
 class Pose:
-    """A rigid transform: `position` (3,) [m], `orientation` quaternion x, y, z, w (4,), unit."""
+    """A rigid transform: `position` (3,) [m], `orientation` quaternion x, y, z, w (4,), unit.
+
+    Raises:
+        GeometryError: a field is not so many real numbers.
+    """
 
     position: tuple[float, float, float]
     orientation: tuple[float, float, float, float]
 
     def __post_init__(self) -> None:
-        _keep_numbers(self, position=3, orientation=4)
+        keep_numbers(self, position=3, orientation=4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,11 +59,10 @@ class MassProperties(ReadOnlyArrays):
     principal_axes: Array
 
     def __post_init__(self) -> None:
-        _keep_array(self, "mass", ())
-        _keep_array(self, "mass_center", (3,))
-        _keep_array(self, "principal_inertia", (3,))
-        _keep_array(self, "principal_axes", (3, 3))
-        object.__setattr__(self, "mass", float(self.mass))
+        keep_number(self, "mass")
+        keep_array(self, "mass_center", (3,))
+        keep_array(self, "principal_inertia", (3,))
+        keep_array(self, "principal_axes", (3, 3))
         super().__post_init__()
 
 
@@ -63,7 +73,7 @@ class Hull(ReadOnlyArrays):
     points: Array
 
     def __post_init__(self) -> None:
-        _keep_array(self, "points", (None, 3))
+        keep_array(self, "points", (None, 3))
         super().__post_init__()
 
     @cached_property
@@ -80,6 +90,9 @@ class Box:
         size: edge lengths [m].
         center: of the box in the body's frame [m].
         orientation: rotation of the box's axes in that frame, quaternion x, y, z, w.
+
+    Raises:
+        GeometryError: a field is not so many real numbers.
     """
 
     size: tuple[float, float, float]
@@ -87,7 +100,7 @@ class Box:
     orientation: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        _keep_numbers(self, size=3, center=3, orientation=4)
+        keep_numbers(self, size=3, center=3, orientation=4)
 
 
 @dataclass(frozen=True, eq=False)
@@ -98,12 +111,8 @@ class Triangles(ReadOnlyArrays):
     faces: NDArray[np.int32]
 
     def __post_init__(self) -> None:
-        _keep_array(self, "vertices", (None, 3))
-        faces = self.faces
-        masked = isinstance(faces, np.ma.MaskedArray)
-        if masked or not isinstance(faces, np.ndarray) or faces.dtype.kind not in "iu":
-            raise GeometryError("Triangles: faces is not an array of integers without a mask")
-        _check_shape("Triangles: faces", faces.shape, (None, 3))
+        keep_array(self, "vertices", (None, 3))
+        keep_indices(self, "faces", 3)
         super().__post_init__()
 
 
@@ -113,6 +122,9 @@ class RockBody:
 
     `inertia_from_aabb` asks the core for Bullet's bounding-box inertia (the original's rule); then
     `mass.principal_inertia` is not used and `mass.mass_center` is the model origin.
+
+    Raises:
+        GeometryError: a field of another type, or a part that is none.
     """
 
     parts: tuple[Hull | Box, ...]
@@ -127,7 +139,16 @@ class RockBody:
     """What a repair changed, or other things the user should know, as `SceneNote`."""
 
     def __post_init__(self) -> None:
-        _keep_tuples(self, "parts", "notes")
+        keep_tuples(self, parts=Hull | Box, notes=Statement)
+        check_kinds(
+            self,
+            mass=MassProperties,
+            start=Pose,
+            inertia_from_aabb=bool,
+            surface=Triangles | None,
+            source=str,
+            sha256=str,
+        )
 
 
 @dataclass(frozen=True)
@@ -143,12 +164,18 @@ class PitchSpring:
         damping: damping ratio [1].
         compliance: lean against a constant acceleration [rad / (m/s^2)].
         inertia: of the pedestal about the axis [kg m^2]; infinite: the rock does not push back.
+
+    Raises:
+        GeometryError: a field is no real number.
     """
 
     frequency: float
     damping: float
     compliance: float
     inertia: float = math.inf
+
+    def __post_init__(self) -> None:
+        keep_number(self, "frequency", "damping", "compliance", "inertia")
 
 
 @dataclass(frozen=True, eq=False)
@@ -166,6 +193,9 @@ class PedestalBody:
         pitch_spring: of a pedestal that pitches by itself; None: it follows the motion's pitch.
         slope: rotation from level by which the pedestal was turned, quaternion x, y, z, w. Bodies
             on it stand level in that frame; for statics, the parts are turned already.
+
+    Raises:
+        GeometryError: a field of another type, or a part that is none.
     """
 
     parts: tuple[Hull | Box | Triangles, ...]
@@ -181,56 +211,13 @@ class PedestalBody:
     slope: tuple[float, float, float, float] = (0.0, 0.0, 0.0, 1.0)
 
     def __post_init__(self) -> None:
-        _keep_tuples(self, "parts")
-        _keep_numbers(self, origin=3, base_size=3, slope=4)
-
-
-def _keep_array(value: object, name: str, shape: tuple[int | None, ...]) -> None:
-    """Turn what was given into an array of real numbers of a shape, in which None is any length.
-
-    Raises:
-        GeometryError: it is none.
-    """
-    what = f"{type(value).__name__}: {name}"
-    try:
-        array = real_array(getattr(value, name))
-    except TypeError as error:
-        raise GeometryError(f"{what} {error}") from None
-    _check_shape(what, array.shape, shape)
-    object.__setattr__(value, name, array)
-
-
-def _check_shape(what: str, given: tuple[int, ...], wanted: tuple[int | None, ...]) -> None:
-    if len(given) != len(wanted) or any(
-        n is not None and n != k for k, n in zip(given, wanted, strict=True)
-    ):
-        shape = str(wanted).replace("None", "n")
-        raise GeometryError(f"{what} has shape {given}; it needs {shape}")
-
-
-def _keep_numbers(value: object, **counts: int) -> None:
-    """The same of tuples of so many real numbers, kept as they are.
-
-    Raises:
-        GeometryError: it holds something else.
-    """
-    for name, count in counts.items():
-        given = getattr(value, name)
-        if type(given) is tuple and len(given) == count and {*map(type, given)} == {float}:
-            continue  # Nearly all, and there are several a trial.
-        what = f"{type(value).__name__}: {name}"
-        try:
-            array = real_array(given)
-        except TypeError as error:
-            raise GeometryError(f"{what} {error}") from None
-        _check_shape(what, array.shape, (count,))
-    _keep_tuples(value, *counts)
-
-
-def _keep_tuples(value: object, *names: str) -> None:
-    """Turn what was given in place of a tuple, such as an array, into one."""
-    for name in names:
-        given = getattr(value, name)
-        if not isinstance(given, tuple):
-            plain = given.tolist() if isinstance(given, np.ndarray) else given
-            object.__setattr__(value, name, tuple(plain))
+        keep_tuples(self, parts=Hull | Box | Triangles)
+        keep_numbers(self, origin=3, base_size=3, slope=4)
+        keep_number(self, "top", "mass", *(["pitch_pivot"] if self.pitch_pivot is not None else []))
+        check_kinds(
+            self,
+            source=str,
+            sha256=str,
+            surface=Triangles | None,
+            pitch_spring=PitchSpring | None,
+        )

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import astuple, dataclass
+from dataclasses import astuple, dataclass, fields
+
+from vsr2.scene.field_values import keep_number
 
 
 @dataclass(frozen=True)
@@ -24,6 +26,9 @@ class Mechanisms:
         friction_speed: speed of slip over which friction falls from one to the other [m/s].
         adhesion: tensile strength of a bond under the base until its first uplift [Pa].
         catch_slack: tilt from the start beyond which a tether holds the rock [rad]; NaN: none.
+
+    Raises:
+        GeometryError: a field is no real number.
     """
 
     impact_energy_ratio: float = math.nan
@@ -33,6 +38,9 @@ class Mechanisms:
     friction_speed: float = 0.01
     adhesion: float = 0.0
     catch_slack: float = math.nan
+
+    def __post_init__(self) -> None:
+        keep_number(self, *_NAMES)
 
     @property
     def off(self) -> bool:
@@ -50,3 +58,6 @@ class Mechanisms:
     def key(self) -> str:
         """Text that is equal where the mechanisms are; `==` is false for those that are NaN."""
         return "" if self.off else repr(astuple(self))
+
+
+_NAMES = tuple(field.name for field in fields(Mechanisms))

@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from dataclasses import astuple, dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
+from typing import assert_never
 
 import numpy as np
 
@@ -18,6 +19,7 @@ from vsr2.errors import GeometryError
 from vsr2.one_line import OneLine
 from vsr2.scene.body import Box, Hull, PedestalBody, Pose, RockBody, Triangles
 from vsr2.scene.build import build_pedestal, build_rock, contact_notes
+from vsr2.scene.field_values import check_kinds
 from vsr2.scene.mechanisms import Mechanisms
 from vsr2.scene.mesh import Mesh, mesh_from_arrays
 from vsr2.scene.notes import WARNINGS, SceneWarning
@@ -43,6 +45,9 @@ class Scene(OneLine):
         engine: settings of the engine.
         contact: materials of the two.
         mechanisms: mechanics beyond rigid bodies with Coulomb friction.
+
+    Raises:
+        GeometryError: a field of another type.
     """
 
     rock: RockBody
@@ -50,6 +55,16 @@ class Scene(OneLine):
     engine: Engine
     contact: Contact
     mechanisms: Mechanisms = field(default_factory=Mechanisms)
+
+    def __post_init__(self) -> None:
+        check_kinds(
+            self,
+            rock=RockBody,
+            pedestal=PedestalBody,
+            engine=Engine,
+            contact=Contact,
+            mechanisms=Mechanisms,
+        )
 
     def __eq__(self, other: object) -> bool:
         if not isinstance(other, Scene):
@@ -100,6 +115,8 @@ class Scene(OneLine):
                         counts = f"triangles {len(part.vertices)} {len(part.faces)}"
                         digest.update(counts.encode() + part.vertices.tobytes())
                         digest.update(part.faces.tobytes())
+                    case _:
+                        assert_never(part)
         # What is not used adds nothing, so that it does not tell scenes apart.
         digest.update(self.mechanisms.key.encode())
         if pedestal.slope != IDENTITY:

@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from typing import Any
+from typing import Any, assert_never
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -119,6 +119,8 @@ def _native_parts(parts: Sequence[Hull | Box | Triangles]) -> list[Any]:
                 out.append(_box(part))
             case Triangles():
                 out.append(_native.TrianglesPart(vertices=part.vertices, faces=part.faces))
+            case _:
+                assert_never(part)
     return out
 
 

@@ -155,6 +155,7 @@ class Trial(OneLine):
                     f"Trial: {key} must be {remedy} (is {shown(value)} of type "
                     f"{type(value).__name__})"
                 )
+        object.__setattr__(self, "seed", int(self.seed))
         object.__setattr__(self, "effects", tuple(self.effects))
         if not all(isinstance(one, Applied) for one in self.effects):
             raise SimulationError("Trial: effects must be those that `vsr2.apply_effects` put in")
