@@ -76,7 +76,7 @@ def test_shaped_noise_rests_at_both_ends():
         ({"duration": 1.0}, "from 2 to 300 s"),
         ({"duration": 2.0, "pgv_pga": 0.3}, "from 3.77 to 300 s"),
         ({"duration": 1000.0}, "duration is 1000.0 s"),
-        ({"seed": -1}, "seed is -1"),
+        ({"seed": -1}, "seed is -1; give 0 or more"),
         ({"time_step": 0.05}, "Nyquist|lower the time step"),
     ],
 )

@@ -15,9 +15,11 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from vsr2.campaign import simulate_campaign
+from vsr2.campaign.folds import grouped_folds, motion_resamples
 from vsr2.config.study import Output, Study
 from vsr2.effects import EffectRangeWarning, apply_effects
-from vsr2.errors import ConfigError, GeometryError
+from vsr2.errors import CampaignError, ConfigError, GeometryError, SimulationError
 from vsr2.motion import Motion, Record, SideMotion, build_recorded_motion
 from vsr2.results import BatchResult, Outcome, Status
 from vsr2.scene import (
@@ -38,6 +40,7 @@ from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
 BOX = {"shape": "box", "size": [0.3, 0.5, 1.0], "density": 2700.0}
+MOTION = {"mode": "single_cosine", "pga_g": 0.5, "pgv_pga": 0.1}
 SCAN = {"shape": "mesh", "file": str(ROOT / "models" / "pbr_scan.obj"), "density": 2650.0}
 EFFECTS = {
     "edge_rounding": {"radius": 0.006},
@@ -64,8 +67,7 @@ def through_a_worker(trial: Trial) -> Trial:
 
 
 def scene_of(rock: dict[str, Any]) -> Scene:
-    motion = {"mode": "single_cosine", "pga_g": 0.5, "pgv_pga": 0.1}
-    return build_scene(Study.model_validate({"rock": rock, "motion": motion}))
+    return build_scene(Study.model_validate({"rock": rock, "motion": MOTION}))
 
 
 def recorded() -> Motion:
@@ -307,6 +309,38 @@ def test_the_indices_of_a_surface_are_kept_in_32_bits() -> None:
 def test_a_scene_of_anything_else_is_refused(changed: Callable[[Scene], Any], message: str) -> None:
     with pytest.raises(GeometryError, match=message):
         changed(scene_of(BOX))
+
+
+@pytest.mark.parametrize(
+    ("seed", "message"),
+    [
+        (2**63, r"seed is 9223372036854775808; give at most 9223372036854775807"),
+        (np.uint64(2**63), "seed is .*; give at most 9223372036854775807"),
+        (-1, "seed is -1; give 0 or more"),
+        (1.0, r"seed is 1\.0; give a whole number"),
+        (True, "seed is True; give a whole number"),
+        (None, "seed is null; give a whole number"),
+    ],
+)
+def test_a_seed_beyond_the_range_of_a_study_is_refused(seed: Any, message: str) -> None:
+    plain = Trial(scene_of(BOX), recorded())
+    with pytest.raises(SimulationError, match=f"Trial: {message}"):
+        replace(plain, seed=seed)
+    with pytest.raises(ConfigError, match=message):
+        apply_effects([plain], {}, seed=seed)
+    with pytest.raises(CampaignError, match=message):
+        simulate_campaign([plain], seed=seed)
+    with pytest.raises(CampaignError, match=message):
+        motion_resamples(["a", "b"], 3, seed=seed)
+    with pytest.raises(CampaignError, match=message):
+        grouped_folds(np.arange(4), np.zeros(4), 2, seed=seed)
+    with pytest.raises(ConfigError, match="seed"):
+        Study.from_dict({"rock": BOX, "motion": MOTION, "seed": seed})
+
+
+def test_the_greatest_seed_reaches_the_result() -> None:
+    trial = Trial(scene_of(BOX), recorded(), seed=np.uint64(2**63 - 1))
+    assert run_batch([trial], threads=1)["seed"].tolist() == [2**63 - 1]
 
 
 def test_equal_scenes_share_a_native_scene_in_every_thread(

@@ -32,6 +32,7 @@ from vsr2.campaign import TIERS, Campaign, Tier, load_campaign
 from vsr2.codes import Statement
 from vsr2.config import load_study
 from vsr2.config.problems import shown
+from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis import (
     Budget,
     Diagnosis,
@@ -159,8 +160,7 @@ def diagnose_pack(
     """
     from vsr2.diagnosis import diagnose
 
-    if seed < 0:
-        raise BlindError(f"seed is {seed}; give 0 or more")
+    seed = checked_seed(seed, BlindError)
     pack = read_pack(data)
     listed = {one.id: one for one in pack.campaigns}
     chosen = _chosen(data, listed, campaigns)

@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsr2.campaign.campaign import Campaign
+from vsr2.config.seeds import checked_seed
 from vsr2.errors import CampaignError
 
 MAX_REPLICATES = 100_000
@@ -59,7 +60,7 @@ def grouped_folds(
     np.add.at(counts, (member, kinds), 1.0)
     target = np.maximum(counts.sum(axis=0) / folds, 1e-9)
     weight = 1.0 / target
-    order = np.random.default_rng(seed).permutation(names.size)
+    order = np.random.default_rng(checked_seed(seed, CampaignError)).permutation(names.size)
     fold = _deal(counts, order, folds, target, weight)
     _even_out(counts, order, fold, folds, target, weight)
     return fold[member]
@@ -149,14 +150,14 @@ def motion_resamples(motions: ArrayLike, replicates: int, seed: int = 0) -> NDAr
         Counts, shape (replicates, n); the trials of one motion have equal counts.
 
     Raises:
-        CampaignError: no trials, or no or too many replicates.
+        CampaignError: no trials, no or too many replicates, or what is no seed.
     """
     names, member = np.unique(np.asarray(motions), return_inverse=True)
     if names.size == 0:
         raise CampaignError("no trials to draw from")
     if not 1 <= replicates <= MAX_REPLICATES:
         raise CampaignError(f"{replicates} replicates; choose from 1 to {MAX_REPLICATES}")
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(checked_seed(seed, CampaignError))
     drawn = rng.multinomial(names.size, np.full(names.size, 1.0 / names.size), size=replicates)
     counts: NDArray[np.int32] = drawn[:, member].astype(np.int32)
     return counts

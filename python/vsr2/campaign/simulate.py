@@ -25,6 +25,7 @@ from vsr2.campaign.campaign import (
     Specimen,
 )
 from vsr2.config.problems import shown
+from vsr2.config.seeds import checked_seed
 from vsr2.config.study import MeshRock, Study
 from vsr2.effects import apply_effects, chosen
 from vsr2.errors import CampaignError
@@ -112,8 +113,9 @@ def simulate_campaign(
         CampaignError: lists of another length than the trials, or `run.made` is of another call.
         Vsr2Error: as `run_batch`.
     """
-    if series_every < 0 or seed < 0:
-        raise CampaignError(f"series_every ({series_every}) and seed ({seed}) must be 0 or more")
+    if series_every < 0:
+        raise CampaignError(f"series_every is {series_every}; give 0 or more")
+    seed = checked_seed(seed, CampaignError)
     noise = _noise(noise)
     asked, wanted = _asked(study, dict(effects or {}), series_every)
     names = _motion_ids(motion_ids, asked)

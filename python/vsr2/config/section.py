@@ -24,6 +24,8 @@ from pydantic_core import PydanticCustomError
 
 DEFAULT_TIME_STEP = 0.001
 """Of simulations, and of the motions that they follow [s]."""
+MAX_SEED = 2**63 - 1
+"""Of a seed: columns of result tables are 64-bit integers with a sign."""
 
 Real = Annotated[float, Strict()]
 Positive = Annotated[float, Strict(), Field(gt=0)]

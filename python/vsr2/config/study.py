@@ -27,6 +27,7 @@ from vsr2.config import sources as of
 from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, MotionSource, shortest_period
 from vsr2.config.section import (
     DEFAULT_TIME_STEP,
+    MAX_SEED,
     FilePath,
     Flag,
     Mass,
@@ -430,7 +431,7 @@ class Study(Section):
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._ -]*$", max_length=100)] = "study"
     """Name of the study and of its result folder: letters, digits, `.`, `_`, `-` and blanks."""
-    seed: Annotated[int, Strict(), Field(ge=0, lt=2**63), of.ANY_SEED] = 0
+    seed: Annotated[int, Strict(), Field(ge=0, lt=MAX_SEED + 1), of.ANY_SEED] = 0
     """Seed of everything random."""
     preset: Literal["physical", "original"] = "physical"
     """What keys that are not given mean. `physical`: the defaults of this page. `original`: the

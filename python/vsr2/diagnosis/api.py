@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
+from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.corrected import with_correction, write_corrected
 from vsr2.diagnosis.observed.features import Sampling
@@ -90,8 +91,7 @@ def diagnose(
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
     """
-    if seed < 0:
-        raise DiagnosisError(f"seed is {seed}; give 0 or more")
+    seed = checked_seed(seed, DiagnosisError)
     if budget.cpu_minutes is not None and execution.client is not None:
         raise DiagnosisError(
             "budget_cpu_minutes counts processor time of this process, and a cluster's workers are "

@@ -17,6 +17,7 @@ from vsr2 import _native
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, dump_study, load_study
+from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
 from vsr2.diagnosis.budget import Stopwatch
 from vsr2.diagnosis.corrected import (
@@ -322,8 +323,7 @@ def _modelled(
 def _check(used: Campaign, scenes: int, seed: int) -> None:
     if scenes < SCENES.least:
         raise DiagnosisError(f"scenes is {scenes}; give {SCENES.least} or more")
-    if seed < 0:
-        raise DiagnosisError(f"seed is {seed}; give 0 or more")
+    seed = checked_seed(seed, DiagnosisError)
     if len(used) == 0 or used.overturned.min() == used.overturned.max():
         raise DiagnosisError(
             f"campaign {used.name!r}: of the trials with a motion and an outcome none "

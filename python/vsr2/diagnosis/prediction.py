@@ -39,6 +39,7 @@ from vsr2.analysis.probability import (
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, load_study
+from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis.api import EXECUTION, Execution, made_folder, simulator_of
 from vsr2.diagnosis.constants import diagnosis_constants
 from vsr2.diagnosis.pipeline import Progress, Stage
@@ -275,8 +276,7 @@ def predict(
         raise DiagnosisError(
             f"replicates is {count}; give at least one for each scene ({len(scenes)})"
         )
-    if seed < 0:
-        raise DiagnosisError(f"seed is {seed}; give 0 or more")
+    seed = checked_seed(seed, DiagnosisError)
     scaling = {GAIN: effect(GAIN)} if margins else {}
     plain = replace(hypotheses, library=scaling, exclude=(), priors={})
     folder = None if out is None else made_folder(Path(out))

@@ -13,6 +13,7 @@ from typing import TypeAlias, TypeVar
 import numpy as np
 
 from vsr2.argument_names import checked_names
+from vsr2.config.seeds import checked_seed
 from vsr2.effects.effect import Circumstances, Effect
 from vsr2.effects.parameter import EffectWarning
 from vsr2.effects.registry import chosen, place
@@ -105,11 +106,11 @@ def apply_effects(
             trial's index alone: common random numbers.
 
     Raises:
-        ConfigError: an unknown effect or parameter, a value that cannot be used, or lists of
-            another length than the trials.
+        ConfigError: an unknown effect or parameter, a value or a seed that cannot be used, or
+            lists of another length than the trials.
         GeometryError, MotionError, SimulationError: an effect cannot be applied to a trial.
     """
-    wanted = chosen(effects)
+    wanted, seed = chosen(effects), checked_seed(seed, ConfigError)
     changed = with_effects(
         trials, wanted, relative_order=relative_order, sessions=sessions, seed=seed
     )

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vsr2.config.seeds import checked_seed
 from vsr2.errors import MotionError
 from vsr2.motion.measures import significant_duration
 from vsr2.motion.motion import Array, Motion
@@ -187,8 +188,7 @@ def _check(pga_g: float, pgv_pga: float, duration: float, seed: int) -> None:
             f"synthetic motion: duration is {duration} s; with PGV/PGA {pgv_pga:g} s it must lie "
             f"from {least:.3g} to {longest:g} s"
         )
-    if seed < 0:
-        raise MotionError(f"synthetic motion: seed is {seed}; it must not be negative")
+    checked_seed(seed, MotionError, "synthetic motion: seed")
 
 
 def _tuned(

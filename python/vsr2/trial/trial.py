@@ -8,12 +8,11 @@ from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any, Protocol
 
-import numpy as np
-
 from vsr2._native import Outcome as Ending
 from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import DRIVE_MODES, DriveMode
 from vsr2.config.problems import shown
+from vsr2.config.seeds import checked_seed
 from vsr2.config.study import Outcome, Output, Settling, Study
 from vsr2.errors import SimulationError
 from vsr2.motion import Motion
@@ -106,7 +105,6 @@ _FIELDS: Mapping[str, tuple[Any, str]] = {
     "motion": (Motion, "a Motion; `vsr2.motion` makes them of records and cosines"),
     "start": (Pose | None, "a vsr2.scene.Pose or None"),
     "name": (str, "text"),
-    "seed": (int | np.integer, "a whole number"),
     "settling": (Settling, "a vsr2.config.study.Settling"),
     "outcome": (Outcome, "a vsr2.config.study.Outcome"),
     "output": (Output, "a vsr2.config.study.Output"),
@@ -133,7 +131,8 @@ class Trial(OneLine):
             are applied to the result.
 
     Raises:
-        SimulationError: a field of another type, or an unknown drive; names field and remedy.
+        SimulationError: a field of another type, an unknown drive, or a seed outside 0 to 2^63 - 1;
+            names field and remedy.
     """
 
     scene: Scene
@@ -155,7 +154,7 @@ class Trial(OneLine):
                     f"Trial: {key} must be {remedy} (is {shown(value)} of type "
                     f"{type(value).__name__})"
                 )
-        object.__setattr__(self, "seed", int(self.seed))
+        object.__setattr__(self, "seed", checked_seed(self.seed, SimulationError, "Trial: seed"))
         object.__setattr__(self, "effects", tuple(self.effects))
         if not all(isinstance(one, Applied) for one in self.effects):
             raise SimulationError("Trial: effects must be those that `vsr2.apply_effects` put in")

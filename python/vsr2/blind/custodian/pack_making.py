@@ -54,6 +54,7 @@ from vsr2.campaign import save_campaign
 from vsr2.codes import Statement
 from vsr2.config import Study
 from vsr2.config.motion_source import Filter
+from vsr2.config.seeds import checked_seed
 from vsr2.config.yaml_file import dump_yaml
 from vsr2.errors import BlindError, SimulationError
 from vsr2.near_words import offer
@@ -183,9 +184,9 @@ def make_pack(
 
 
 def _check_asked(pack: Path, data: Path, key: Path, seed: int | None) -> None:
-    """Refuse folders within each other or within another pack, and a negative seed."""
-    if seed is not None and seed < 0:
-        raise BlindError(f"seed is {seed}; give 0 or more")
+    """Refuse folders within each other or within another pack, and what is no seed."""
+    if seed is not None:
+        checked_seed(seed, BlindError)
     if key.resolve().is_relative_to(data.resolve()) or data.resolve().is_relative_to(key.resolve()):
         raise BlindError(f"{key}: lies within the data (or they in it); keep the key apart")
     for folder in (pack, key):
