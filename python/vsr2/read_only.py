@@ -14,10 +14,14 @@ from typing import Any, NoReturn
 import numpy as np
 
 
-def real_array(given: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
+def real_array(given: Any, *, truths: bool = False) -> np.ndarray[Any, np.dtype[np.float64]]:
     """`given` as an array of real numbers in double precision, itself where it is one.
 
     numpy turns text, truth values, complex numbers and dates into numbers too, and drops masks.
+
+    Args:
+        given: what should be numbers.
+        truths: whether truth values count as 1 and 0, as of outcomes.
 
     Raises:
         TypeError: `given` holds any of these; its text goes on after the name of the array.
@@ -26,15 +30,33 @@ def real_array(given: Any) -> np.ndarray[Any, np.dtype[np.float64]]:
         raise TypeError("is a masked array; fill what its mask hides")
     try:
         value = np.asarray(given)
-        if isinstance(given, list | tuple) and any(
-            isinstance(one, bool | np.bool_) for one in np.asarray(given, dtype=object).flat
+        if (
+            not truths
+            and isinstance(given, list | tuple)
+            and any(
+                isinstance(one, bool | np.bool_) for one in np.asarray(given, dtype=object).flat
+            )
         ):
             raise TypeError("with truth values")
     except (TypeError, ValueError) as error:
         raise TypeError(f"is not an array of numbers ({error})") from None
-    if value.dtype.kind not in "iuf":
+    if value.dtype.kind not in ("biuf" if truths else "iuf"):
         raise TypeError(f"is not an array of numbers (but of {value.dtype})")
     return value.astype(np.float64, copy=False)
+
+
+def real_argument(
+    given: Any, name: str, error: type[Exception], *, truths: bool = False
+) -> np.ndarray[Any, np.dtype[np.float64]]:
+    """As :func:`real_array`, of an argument.
+
+    Raises:
+        Exception: as `error`; names the argument.
+    """
+    try:
+        return real_array(given, truths=truths)
+    except TypeError as fault:
+        raise error(f"{name} {fault}") from None
 
 
 def read_only(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

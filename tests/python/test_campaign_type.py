@@ -65,7 +65,7 @@ def test_a_trial_refuses_and_names_the_field(changes, words):
         ({"time": np.arange(20.0) * 1e6}, "beyond 100000 s"),
         ({"tilt": np.full(20, np.nan)}, "tilt is nan"),
         ({"tilt": np.full(20, 57.0)}, "check the unit"),
-        ({"tilt": "steep"}, "no array of numbers"),
+        ({"tilt": "steep"}, "series: tilt is not an array of numbers"),
         ({"position": np.zeros((20, 2))}, r"wanted is \(20, 3\)"),
         ({"orientation": np.zeros((20, 4))}, "has the norm 0"),
         ({"noise_tilt": -1.0}, "noise_tilt: is -1"),

@@ -121,10 +121,32 @@ def test_some_of_the_trials_are_a_result() -> None:
     assert len(result[4:]) == 0
 
 
-@pytest.mark.parametrize("wanted", [3, [4], np.array([True]), {"a": 1}])
+@pytest.mark.parametrize(
+    "wanted",
+    [
+        3, np.int64(3), [4], [-5], np.array([True]), {"a": 1}, {1, 2}, None, ...,
+        True, 1.5, [1.5], [True, 2], ["status"], [[0], [1, 2]], (0, 1), np.array(3),
+        np.array([[0]]), np.zeros((4, 4), bool), np.ma.array([0, 1], mask=[0, 1]),
+        slice(None, None, 0), slice("a"), slice(1.5), 2j, b"status",
+    ],
+    ids=str,
+)  # fmt: skip
 def test_trials_that_are_not_there_are_refused(wanted: Any) -> None:
-    with pytest.raises(ResultError, match="give a slice"):
+    with pytest.raises(ResultError, match=r"result\[.*give a slice"):
         make_result([None] * 4)[wanted]
+
+
+def test_rows_are_taken_as_numpy_takes_them() -> None:
+    result = make_result([None] * 4)
+    asked: dict[str, Any] = {
+        "backwards": slice(None, None, -2), "beyond": slice(2, 99), "from the end": [-1, 0],
+        "twice": (np.array([1, 1], np.uint8)), "none": [], "mask": [True, False, False, True],
+    }  # fmt: skip
+    found = {name: result[wanted]["trial"].tolist() for name, wanted in asked.items()}
+    assert found == {
+        "backwards": [3, 1], "beyond": [2, 3], "from the end": [3, 0], "twice": [1, 1], "none": [],
+        "mask": [0, 3],
+    }  # fmt: skip
 
 
 def test_missing_xarray_names_the_remedy(monkeypatch: pytest.MonkeyPatch) -> None:

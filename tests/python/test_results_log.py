@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+from typing import Any
+
 import numpy as np
 import pytest
 from hypothesis import given
@@ -170,7 +173,40 @@ def test_wrong_shapes_are_refused() -> None:
         log.column("tilt")
 
 
+@pytest.mark.parametrize(
+    ("field", "value", "message"),
+    [
+        ("state", np.ma.array(np.zeros((2, 18)), mask=True), "state is a masked array"),
+        ("state", np.zeros((2, 18), complex), r"state is not an array of numbers \(but of complex"),
+        ("foot", ["0", "0", "0"], "foot is not an array of numbers"),
+        ("pivot", np.zeros(3, bool), "but of bool"),
+        ("excursions", None, "excursions is not an array of numbers"),
+    ],
+)
+def test_a_log_of_anything_but_real_numbers_is_refused(
+    field: str, value: Any, message: str
+) -> None:
+    with pytest.raises(ResultError, match=f"trial log: .*{message}"):
+        replace(falling_log(rows=2), **{field: value})
+
+
+@pytest.mark.parametrize(
+    ("name", "value", "message"),
+    [
+        ("peak_tilt", np.ma.array([0.1, 0.2], mask=[0, 1]), "column peak_tilt is a masked array"),
+        ("peak_tilt", [1j, 0.0], "column peak_tilt is not an array of numbers"),
+        ("pga_g", ["0.1", "0.2"], "column pga_g is not an array of numbers"),
+        ("seed", [0.5, 1.0], "column seed is not an array of integers"),
+    ],
+)
+def test_a_column_of_anything_else_is_refused(name: str, value: Any, message: str) -> None:
+    with pytest.raises(ResultError, match=message):
+        BatchResult({**make_trials(2), name: value}, (None, None))
+
+
 def test_batch_result_checks_its_columns() -> None:
+    with pytest.raises(ResultError, match=r"logs\[1\] is 1; give a TrialLog or None"):
+        BatchResult(make_trials(2), (None, 1))  # type: ignore[arg-type]
     trials = make_trials(2)
     with pytest.raises(ResultError, match="for 3 trials"):
         BatchResult(trials, (None, None, None))
@@ -203,6 +239,16 @@ def test_missing_logs_and_columns_are_named() -> None:
     for index in (2, -1):
         with pytest.raises(ResultError, match=f"no trial {index}; there are 2"):
             result.log(index)
+    for odd in ("0", "trial 1", 0.0, True, None, [0]):
+        with pytest.raises(
+            ResultError, match=r"log: trial is .*give its index.*result\[\"name\"\]"
+        ):
+            result.log(odd)  # type: ignore[arg-type]
+    for odd in (None, 0, ["tilt"], np.array(["tilt", "slip"])):
+        with pytest.raises(ResultError, match=r"unknown quantity .*known: state"):
+            result.stack(odd)  # type: ignore[arg-type]
+        with pytest.raises(ResultError, match=r"no column .*known: time"):
+            result.log(0).column(odd)  # type: ignore[arg-type]
     with pytest.raises(ResultError, match="no column 'tilt'"):
         result["tilt"]
     assert [row["trial"] for row in result] == [0, 1]

@@ -15,6 +15,7 @@ from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.campaign import Campaign, intensity_measures, motion_folds
 from vsr2.errors import ResultError
 from vsr2.motion import STANDARD_GRAVITY
+from vsr2.read_only import real_argument
 
 Array = NDArray[np.float64]
 
@@ -137,8 +138,8 @@ def logistic_probability(
 
 
 def _terms(pga: ArrayLike, pgv_pga: ArrayLike) -> Array:
-    first = np.atleast_1d(np.asarray(pga, dtype=np.float64))
-    second = np.atleast_1d(np.asarray(pgv_pga, dtype=np.float64))
+    first = np.atleast_1d(real_argument(pga, "PGA", ResultError))
+    second = np.atleast_1d(real_argument(pgv_pga, "PGV/PGA", ResultError))
     if first.ndim != 1 or first.shape != second.shape:
         raise ResultError(f"PGA has shape {first.shape}, PGV/PGA {second.shape}; both must be (n,)")
     if not ((first > 0) & (second > 0) & np.isfinite(first + second)).all():

@@ -17,6 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsr2.campaign.folds import grouped_folds
+from vsr2.errors import ResultError
+from vsr2.read_only import real_argument
 
 Array = NDArray[np.float64]
 
@@ -67,8 +69,11 @@ class MarginModel:
 
         Args:
             margins: NaN where a simulation failed, shape (replicates, trials).
+
+        Raises:
+            ResultError: margins that are no real numbers.
         """
-        given = np.asarray(margins, dtype=np.float64)
+        given = real_argument(margins, "margins", ResultError)
         weights = np.array(self.weights or [1.0] * len(given))
         with np.errstate(invalid="ignore"):
             return np.asarray(weights @ np.nan_to_num(given) / (weights @ np.isfinite(given)))
@@ -135,8 +140,12 @@ def fit_margin_model(
         overturned: 1 or 0, NaN where unknown, shape (trials,).
         motions: ground motion of each trial, shape (trials,); None: weights are equal.
         biased: whether the real motion may be stronger or weaker; else the bias is 0.
+
+    Raises:
+        ResultError: margins or outcomes that are no real numbers.
     """
-    given, ends = np.asarray(margins, dtype=np.float64), np.asarray(overturned, dtype=np.float64)
+    given = real_argument(margins, "margins", ResultError)
+    ends = real_argument(overturned, "overturned", ResultError, truths=True)
     known = np.isfinite(ends) & np.isfinite(given).any(axis=0)
     if not known.any():
         return MarginModel()
@@ -219,8 +228,12 @@ def out_of_fold_probability(
 
     Returns:
         Shape (trials,).
+
+    Raises:
+        ResultError: margins or outcomes that are no real numbers.
     """
-    given, ends = np.asarray(margins, dtype=np.float64), np.asarray(overturned, dtype=np.float64)
+    given = real_argument(margins, "margins", ResultError)
+    ends = real_argument(overturned, "overturned", ResultError, truths=True)
     groups = np.asarray(motions)
     fold = grouped_folds(groups, ends, folds)
     out = np.zeros(ends.size)

@@ -14,6 +14,7 @@ from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.metrics import classification_metrics
 from vsr2.campaign import motion_resamples
 from vsr2.errors import ResultError
+from vsr2.read_only import real_argument
 
 Array = NDArray[np.float64]
 
@@ -67,8 +68,11 @@ def overturning_probability(overturned: ArrayLike) -> Array:
 
     Returns:
         Shape (trials,); 1/2 where no replicate has an outcome.
+
+    Raises:
+        ResultError: outcomes that are no numbers or truth values.
     """
-    ends = np.asarray(overturned, dtype=np.float64)
+    ends = real_argument(overturned, "overturned", ResultError, truths=True)
     ones, known = np.nansum(ends, axis=0), np.isfinite(ends).sum(axis=0)
     return np.asarray((ones + 0.5) / (known + 1))
 
@@ -80,9 +84,12 @@ def probability_error(overturned: ArrayLike) -> Array:
 
     Args:
         overturned: as there.
+
+    Raises:
+        ResultError: as there.
     """
-    p = overturning_probability(overturned)
-    known = np.isfinite(np.asarray(overturned, dtype=np.float64)).sum(axis=0)
+    ends = real_argument(overturned, "overturned", ResultError, truths=True)
+    p, known = overturning_probability(ends), np.isfinite(ends).sum(axis=0)
     return np.asarray(np.sqrt(p * (1 - p) / (known + 2)))
 
 
@@ -179,7 +186,7 @@ def _checked(
     observed: ArrayLike, probability: ArrayLike, motions: ArrayLike
 ) -> tuple[NDArray[np.bool_], Array, NDArray[np.str_]]:
     truth, groups = np.asarray(observed), np.asarray(motions)
-    p = np.asarray(probability, dtype=np.float64)
+    p = real_argument(probability, "probability", ResultError)
     if truth.dtype != np.bool_ or truth.shape != p.shape or groups.shape != p.shape or p.ndim != 1:
         raise ResultError(
             f"{truth.size} outcomes of type {truth.dtype}, {p.size} probabilities and "

@@ -14,6 +14,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsr2.analysis.intervals import INTERVALS
+from vsr2.errors import ResultError
+from vsr2.read_only import real_argument
 
 Array = NDArray[np.float64]
 
@@ -68,8 +70,11 @@ def rank(samples: ArrayLike, truth: float, rng: np.random.Generator) -> float:
         samples: shape (n,).
         truth: the true value.
         rng: of the draw.
+
+    Raises:
+        ResultError: samples that are no real numbers.
     """
-    values = np.asarray(samples, dtype=np.float64)
+    values = real_argument(samples, "samples", ResultError)
     below, equal = int((values < truth).sum()), int((values == truth).sum())
     return float((below + rng.random() * (equal + 1)) / (values.size + 1))
 
@@ -85,10 +90,13 @@ def uniformity(ranks: ArrayLike) -> Uniformity:
 
     Args:
         ranks: independent, shape (n,), at least one.
+
+    Raises:
+        ResultError: ranks that are no real numbers.
     """
     from scipy.stats import binom
 
-    values = np.asarray(ranks, dtype=np.float64)
+    values = real_argument(ranks, "ranks", ResultError)
     count = values.size
     points, least = np.arange(1, RANKS.points + 1) / (RANKS.points + 1), _least_tails(count)
     found = _least_tail((values[:, None] <= points).sum(axis=0)[None], count)[0]

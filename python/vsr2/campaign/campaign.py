@@ -20,6 +20,7 @@ from vsr2.config.problems import shown
 from vsr2.errors import CampaignError, Renamed
 from vsr2.motion import Record, on_file
 from vsr2.one_line import OneLine
+from vsr2.read_only import real_array
 
 Array = NDArray[np.float64]
 
@@ -193,9 +194,9 @@ class Series:
         if given is None:
             return None
         try:
-            value = np.array(given, dtype=np.float64)
-        except (TypeError, ValueError) as error:
-            raise CampaignError(f"{name} is no array of numbers ({error})", key="series") from None
+            value = np.array(real_array(given))
+        except TypeError as error:
+            raise CampaignError(f"{name} {error}", key="series") from None
         rows = "n" if name == "time" else f"{self.time.size}"
         if value.ndim != 1 + len(last) or value.shape[1:] != last:
             wanted = ", ".join([rows, *map(str, last)])

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsr2.campaign.campaign import Campaign
 from vsr2.config.seeds import checked_seed
 from vsr2.errors import CampaignError
+from vsr2.read_only import real_argument
 
 MAX_REPLICATES = 100_000
 """Of a bootstrap; bounds its memory."""
@@ -26,7 +27,8 @@ def motion_folds(campaign: Campaign, folds: int, seed: int = 0) -> NDArray[np.in
     folds, in whatever order the trials stand.
 
     Raises:
-        CampaignError: fewer than 2 folds, or more than there are motions.
+        CampaignError: fewer than 2 folds, more than there are motions, or outcomes that are no
+            numbers.
     """
     return grouped_folds(campaign.motion_ids, campaign.overturned, folds, seed)
 
@@ -50,7 +52,7 @@ def grouped_folds(
         CampaignError: as :func:`motion_folds`.
     """
     names, member = np.unique(np.asarray(groups), return_inverse=True)
-    outcome = np.asarray(outcomes, dtype=np.float64)
+    outcome = real_argument(outcomes, "outcomes", CampaignError, truths=True)
     if not 2 <= folds <= names.size:
         raise CampaignError(
             f"{folds} folds of {names.size} motions; choose from 2 to the number of motions"

@@ -230,7 +230,9 @@ def shown(value: object) -> str:
     """A value as it goes into a message: one line, bounded."""
     try:
         # A key without a value, as YAML names what it holds.
-        text = ascii(value) if isinstance(value, str) else "null" if value is None else repr(value)
+        text = "null" if value is None else " ".join(repr(value).split())
+        if isinstance(value, str):
+            text = ascii(value)
     except Exception:
         # The value may be any object where a study is built from Python.
         text = f"a {type(value).__name__}"

@@ -36,6 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsr2.analysis.intervals import INTERVALS
 from vsr2.errors import ResultError
 from vsr2.fragility.settings import FIT
+from vsr2.read_only import real_argument
 
 Array = NDArray[np.float64]
 
@@ -234,7 +235,7 @@ class FragilityFit:
 
 
 def _checked(measures: ArrayLike, count: int) -> Array:
-    values = np.asarray(measures, dtype=np.float64)
+    values = real_argument(measures, "intensities", ResultError)
     if values.ndim == 1 and count == 1:
         values = values[:, None]
     if values.ndim != 2 or values.shape[1] != count:

@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import HazardError
-from vsr2.read_only import ReadOnlyArrays, read_only
+from vsr2.read_only import ReadOnlyArrays, read_only, real_argument
 
 SITE_ROUNDING = 5.1e-6
 """Half of the last digit of a site's longitude and latitude in OpenQuake's files, and a little
@@ -45,7 +45,7 @@ class HazardCurve(ReadOnlyArrays):
 
     def __post_init__(self) -> None:
         for name in ("levels", "rates"):
-            value = read_only(np.array(getattr(self, name), dtype=np.float64))
+            value = read_only(real_argument(getattr(self, name), name, HazardError))
             object.__setattr__(self, name, value)
         file = self.source or "hazard curve"
         if self.levels.ndim != 1 or self.levels.shape != self.rates.shape or self.levels.size < 2:

@@ -23,6 +23,7 @@ from vsr2.analysis.intervals import INTERVALS
 from vsr2.errors import HazardError
 from vsr2.fragility import Lognormal
 from vsr2.hazard.hazard_curve import HazardCurve
+from vsr2.read_only import real_argument
 
 Array = NDArray[np.float64]
 
@@ -103,7 +104,7 @@ def _segment(low: float, high: float, k: float, log_c: float, mu: Array, beta: A
 
 
 def _above_0(values: ArrayLike) -> Array:
-    found = np.asarray(values, dtype=np.float64)
+    found = real_argument(values, "median or beta of a fragility", HazardError)
     if not (np.isfinite(found) & (found > 0)).all():
         raise HazardError("median and beta of a fragility must be finite and above 0")
     return found
@@ -178,8 +179,11 @@ def survival(rates: ArrayLike, age: float) -> float:
 
     One rock has one fragility for all its age, so that what is not known of it does not average out
     from year to year.
+
+    Raises:
+        HazardError: rates that are no real numbers.
     """
-    return float(np.exp(-np.asarray(rates) * age).mean())
+    return float(np.exp(-real_argument(rates, "rates", HazardError) * age).mean())
 
 
 def excluded_age(rates: ArrayLike, confidence: float = INTERVALS.level) -> float:
@@ -199,7 +203,7 @@ def excluded_age(rates: ArrayLike, confidence: float = INTERVALS.level) -> float
 
     if not 0 < confidence < 1:
         raise HazardError(f"confidence {confidence} must lie between 0 and 1")
-    given = np.atleast_1d(np.asarray(rates, dtype=np.float64))
+    given = np.atleast_1d(real_argument(rates, "rates", HazardError))
     if not (np.isfinite(given) & (given > 0)).all():
         raise HazardError("rates of overturning must be finite and above 0")
     ages = -np.log1p(-confidence) / np.array([given.max(), given.min()])

@@ -23,6 +23,7 @@ from vsr2.motion.processing import (
 )
 from vsr2.motion.record import Record
 from vsr2.motion.units import STANDARD_GRAVITY
+from vsr2.read_only import real_argument
 
 
 @dataclass(frozen=True)
@@ -262,7 +263,7 @@ def _time_of(husid: Array, level: float, time_step: float) -> float:
 
 
 def _samples(signal: ArrayLike, quantity: str) -> Array:
-    values = np.asarray(signal, dtype=np.float64)
+    values = real_argument(signal, quantity, MotionError)
     if values.size == 0:
         raise MotionError(f"{quantity} is asked of no samples")
     return values

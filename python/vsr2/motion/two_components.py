@@ -17,6 +17,7 @@ from vsr2.errors import MotionError
 from vsr2.motion.motion import Array
 from vsr2.motion.record import Record
 from vsr2.motion.units import STANDARD_GRAVITY, Quantity
+from vsr2.read_only import real_argument
 
 STEP = 1.0
 """Between azimuths that RotD looks at [degree], as in Boore (2010)."""
@@ -70,7 +71,8 @@ def rotd(
     Raises:
         MotionError: lengths differ, or no samples.
     """
-    along, across = (np.asarray(values, dtype=np.float64) for values in (first, second))
+    along = real_argument(first, "the first component", MotionError)
+    across = real_argument(second, "the second component", MotionError)
     if along.ndim != 1 or along.shape != across.shape or not along.size:
         raise MotionError(
             f"components have shapes {along.shape} and {across.shape}; give two of one length"

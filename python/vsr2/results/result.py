@@ -19,10 +19,12 @@ from vsr2._native import HandOver as HandOver
 from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
 from vsr2.argument_names import checked_names
+from vsr2.config.problems import shown
 from vsr2.errors import ResultError
 from vsr2.near_words import nearest
 from vsr2.one_line import OneLine
-from vsr2.read_only import ReadOnlyDict, read_only
+from vsr2.read_only import ReadOnlyDict, read_only, real_argument
+from vsr2.results.chosen_rows import chosen_rows
 from vsr2.results.trial_log import CONTACT_COLUMNS, DERIVED, STATE_COLUMNS, Array, TrialLog
 
 if TYPE_CHECKING:
@@ -127,6 +129,27 @@ COLUMNS = {
 """What files of a batch hold; with other columns they are refused."""
 
 
+def _kept_column(name: str, given: Any, count: int) -> NDArray[Any]:
+    """A column as it is kept."""
+    if np.shape(given) != (count,):
+        raise ResultError(
+            f"batch result: column {name} has shape {np.shape(given)} for {count} trials"
+        )
+    if name in WORDS:
+        return _as_members(name, np.asarray(given), WORDS[name])
+    if name in TEXT_COLUMNS:
+        return np.asarray(given)
+    numbers = real_argument(given, f"batch result: column {name}", ResultError)
+    if name in INTEGER_COLUMNS:
+        whole = np.asarray(given)
+        if whole.dtype.kind not in "iu":
+            raise ResultError(
+                f"batch result: column {name} is not an array of integers (but of {whole.dtype})"
+            )
+        return whole
+    return numbers
+
+
 def _as_members(name: str, column: NDArray[Any], words: type[StrEnum]) -> NDArray[Any]:
     """A column of words as members of an enumeration; an empty text stays where it may stand."""
     members = {**words.__members__, **({"": ""} if _RESULTS[name].missing else {})}
@@ -158,8 +181,8 @@ class BatchResult(OneLine):
             read-only.
 
     Raises:
-        ResultError: a column is missing, unknown, or not as long as there are trials, or one of
-            `WORDS` holds another word.
+        ResultError: a column is missing, unknown, or not as long as there are trials, of another
+            type or masked, one of `WORDS` holds another word, or a log is none.
     """
 
     trials: Mapping[str, NDArray[Any]]
@@ -173,17 +196,17 @@ class BatchResult(OneLine):
                 f"batch result: missing or unknown columns {', '.join(sorted(odd))}; "
                 f"wanted are {', '.join(TRIAL_COLUMNS)}"
             )
-        for name, column in self.trials.items():
-            if np.shape(column) != (len(self.logs),):
+        logs = tuple(self.logs)
+        for i, log in enumerate(logs):
+            if log is not None and not isinstance(log, TrialLog):
                 raise ResultError(
-                    f"batch result: column {name} has shape {np.shape(column)} for "
-                    f"{len(self.logs)} trials"
+                    f"batch result: logs[{i}] is {shown(log)}; give a TrialLog or None"
                 )
-        columns = {name: np.asarray(column) for name, column in self.trials.items()}
-        for name, words in WORDS.items():
-            columns[name] = _as_members(name, columns[name], words)
+        columns = {
+            name: _kept_column(name, column, len(logs)) for name, column in self.trials.items()
+        }
         provenance = ReadOnlyDict(self.provenance)
-        self.__setstate__({"trials": columns, "logs": tuple(self.logs), "provenance": provenance})
+        self.__setstate__({"trials": columns, "logs": logs, "provenance": provenance})
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         # numpy forgets in pickles and copies that an array is read-only.
@@ -227,17 +250,7 @@ class BatchResult(OneLine):
         return self._column(wanted) if isinstance(wanted, str) else self._some(wanted)
 
     def _some(self, wanted: slice | Sequence[int] | NDArray[np.bool_ | np.intp]) -> BatchResult:
-        if isinstance(wanted, Integral):
-            raise ResultError(
-                f"result[{wanted}]: give a slice, as in result[{wanted}:{int(wanted) + 1}], or use "
-                f"result.log({wanted})"
-            )
-        try:
-            rows = np.arange(len(self))[wanted]
-        except (IndexError, TypeError, ValueError) as error:
-            raise ResultError(
-                f"no such trials among {len(self)} ({error}); give a slice, indices or a mask"
-            ) from None
+        rows = chosen_rows(wanted, len(self))
         return BatchResult(
             trials={name: column[rows] for name, column in self.trials.items()},
             logs=tuple(self.logs[i] for i in rows),
@@ -276,6 +289,11 @@ class BatchResult(OneLine):
         Raises:
             ResultError: no such trial, or nothing was logged for it.
         """
+        if isinstance(trial, bool) or not isinstance(trial, Integral):
+            raise ResultError(
+                f"log: trial is {shown(trial)}; give its index, counted from 0 (names are in "
+                'result["name"])'
+            )
         if not 0 <= trial < len(self):
             raise ResultError(f"no trial {trial}; there are {len(self)}, counted from 0")
         log = self.logs[trial]
@@ -295,10 +313,12 @@ class BatchResult(OneLine):
         Raises:
             ResultError: unknown quantity, or no trial has a log.
         """
-        if quantity not in _LOGGED:
+        if not isinstance(quantity, str) or quantity not in _LOGGED:
             near = nearest(str(quantity), _LOGGED)
             meant = f"did you mean {near}? " if near else ""
-            raise ResultError(f"unknown quantity {quantity!r}; {meant}known: {', '.join(_LOGGED)}")
+            raise ResultError(
+                f"unknown quantity {shown(quantity)}; {meant}known: {', '.join(_LOGGED)}"
+            )
         series = [
             None
             if log is None

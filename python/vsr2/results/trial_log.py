@@ -11,9 +11,10 @@ from numpy.typing import NDArray
 
 from vsr2 import _native
 from vsr2.argument_names import checked_names
+from vsr2.config.problems import shown
 from vsr2.errors import ResultError
 from vsr2.one_line import OneLine
-from vsr2.read_only import ReadOnlyArrays
+from vsr2.read_only import ReadOnlyArrays, real_argument
 from vsr2.scene.rotation import conjugate, quaternion_product, rotate
 
 Array = NDArray[np.float64]
@@ -98,7 +99,7 @@ class TrialLog(OneLine, ReadOnlyArrays):
     Arrays are kept without a copy and offered read-only.
 
     Raises:
-        ResultError: an array of another shape.
+        ResultError: an array of another shape, with a mask, or of something else than real numbers.
     """
 
     state: Array
@@ -124,7 +125,7 @@ class TrialLog(OneLine, ReadOnlyArrays):
             "principal_axes": (4,),
         }
         for name, shape in shapes.items():
-            value = np.asarray(getattr(self, name), dtype=np.float64).view()
+            value = real_argument(getattr(self, name), f"trial log: {name}", ResultError).view()
             if value.ndim != len(shape) or any(
                 wanted not in (None, got) for wanted, got in zip(shape, value.shape, strict=True)
             ):
@@ -158,8 +159,8 @@ class TrialLog(OneLine, ReadOnlyArrays):
         Raises:
             ResultError: there is no such column.
         """
-        if name not in STATE_COLUMNS:
-            raise ResultError(f"no column {name!r}; known: {', '.join(STATE_COLUMNS)}")
+        if not isinstance(name, str) or name not in STATE_COLUMNS:
+            raise ResultError(f"no column {shown(name)}; known: {', '.join(STATE_COLUMNS)}")
         return self.state[:, STATE_COLUMNS.index(name)]
 
     @property

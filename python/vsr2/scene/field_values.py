@@ -12,7 +12,7 @@ import numpy as np
 
 from vsr2.config.problems import shown
 from vsr2.errors import GeometryError
-from vsr2.read_only import real_array
+from vsr2.read_only import real_argument
 
 
 def keep_array(value: object, name: str, shape: tuple[int | None, ...]) -> None:
@@ -22,10 +22,7 @@ def keep_array(value: object, name: str, shape: tuple[int | None, ...]) -> None:
         GeometryError: it is none.
     """
     what = f"{type(value).__name__}: {name}"
-    try:
-        array = real_array(getattr(value, name))
-    except TypeError as error:
-        raise GeometryError(f"{what} {error}") from None
+    array = real_argument(getattr(value, name), what, GeometryError)
     _check_shape(what, array.shape, shape)
     object.__setattr__(value, name, array)
 

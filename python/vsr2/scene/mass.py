@@ -15,6 +15,7 @@ from itertools import permutations, product
 import numpy as np
 
 from vsr2.errors import GeometryError
+from vsr2.read_only import real_argument
 from vsr2.scene.body import Array, MassProperties
 from vsr2.scene.mesh_files import IntArray
 
@@ -161,7 +162,7 @@ def principal_mass_properties(
     moments, axes = principal_axes(tensor, source)
     return MassProperties(
         mass=mass,
-        mass_center=np.array(mass_center, dtype=np.float64),
+        mass_center=mass_center,
         principal_inertia=moments,
         principal_axes=axes,
     )
@@ -176,7 +177,8 @@ def principal_axes(tensor: Array, source: str = "inertia tensor") -> tuple[Array
         GeometryError: not finite, not positive, or against the triangle inequality
             I1 <= I2 + I3 that the moments of every body fulfil.
     """
-    symmetric = 0.5 * (np.asarray(tensor, dtype=np.float64) + np.asarray(tensor).T)
+    given = real_argument(tensor, f"{source}: the inertia tensor", GeometryError)
+    symmetric = 0.5 * (given + given.T)
     if symmetric.shape != (3, 3) or not np.isfinite(symmetric).all():
         raise GeometryError(f"{source}: the inertia tensor {symmetric.tolist()} is not finite")
     off_diagonal = np.abs(symmetric[np.triu_indices(3, 1)]).max()

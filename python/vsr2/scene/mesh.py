@@ -16,7 +16,7 @@ import numpy as np
 
 from vsr2.codes import Statement
 from vsr2.errors import GeometryError
-from vsr2.read_only import real_array
+from vsr2.read_only import real_argument, real_array
 from vsr2.scene.body import Array, Triangles
 from vsr2.scene.mesh_files import MAX_FILE_BYTES, IntArray, MeshFile, bytes_of, read_mesh_file
 from vsr2.scene.mesh_repair import (
@@ -185,7 +185,7 @@ def _checked_mesh(
 
 
 def _check_scale(path: Path, scale: Scale) -> Array:
-    factors = np.broadcast_to(np.asarray(scale, dtype=np.float64), (3,))
+    factors = np.broadcast_to(real_argument(scale, f"{path}: scale", GeometryError), (3,))
     if not (np.isfinite(factors).all() and (factors > 0).all()):
         raise GeometryError(f"scale {scale} must be positive and finite", file=path)
     return factors

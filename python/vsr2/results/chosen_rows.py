@@ -1,0 +1,60 @@
+"""Some of the rows of a table: a slice, indices or a mask, as numpy takes them."""
+
+from __future__ import annotations
+
+from numbers import Integral
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.config.problems import shown
+from vsr2.errors import ResultError
+
+
+def chosen_rows(wanted: Any, count: int) -> NDArray[np.intp]:
+    """Indices of the rows that are wanted, shape (m,).
+
+    numpy also takes None, a single number and arrays of more dimensions, which give no table, and
+    truth values among numbers as 0 and 1.
+
+    Args:
+        wanted: a slice, indices of shape (m,), negative ones from the end, or a mask of shape
+            (count,).
+        count: rows of the table.
+
+    Raises:
+        ResultError: anything else, or a row that is not there; names what was given.
+    """
+    if isinstance(wanted, Integral) and not isinstance(wanted, bool):
+        raise ResultError(
+            f"result[{wanted}]: give a slice, as in result[{wanted}:{int(wanted) + 1}], or use "
+            f"result.log({wanted})"
+        )
+    try:
+        return np.arange(count)[wanted if isinstance(wanted, slice) else _one_dimension(wanted)]
+    except (IndexError, TypeError, ValueError) as error:
+        raise ResultError(
+            f"result[{shown(wanted)}]: no such trials among {count} ({error}); give a slice, "
+            "indices or a mask"
+        ) from None
+
+
+def _one_dimension(wanted: Any) -> NDArray[Any]:
+    """Indices or a mask, of one dimension."""
+    if isinstance(wanted, np.ma.MaskedArray):
+        raise TypeError("is a masked array; fill what its mask hides")
+    given = np.asarray(wanted)
+    if isinstance(wanted, list) and given.dtype.kind != "b" and any(map(_is_truth, wanted)):
+        raise TypeError("truth values among numbers")
+    if isinstance(wanted, tuple) or given.ndim != 1:
+        raise TypeError("not of one dimension")
+    if not given.size:
+        return given.astype(np.intp)  # An empty list is one of floats.
+    if given.dtype.kind not in "iub":
+        raise TypeError(f"neither indices nor a mask, but of {given.dtype}")
+    return given
+
+
+def _is_truth(value: object) -> bool:
+    return isinstance(value, bool | np.bool_)

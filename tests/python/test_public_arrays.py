@@ -1,0 +1,76 @@
+"""Public functions that take arrays of numbers drop no mask, imaginary part or text."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+import numpy as np
+import pytest
+
+from vsr2.analysis.baseline import logistic_probability
+from vsr2.analysis.overturning_margin import MarginModel, fit_margin_model
+from vsr2.analysis.probability import (
+    overturning_probability,
+    probability_error,
+    probability_intervals,
+)
+from vsr2.analysis.ranks import rank, uniformity
+from vsr2.campaign import Series
+from vsr2.campaign.folds import grouped_folds
+from vsr2.config.problems import shown
+from vsr2.errors import Vsr2Error
+from vsr2.fragility.fit import fit_fragility
+from vsr2.hazard import HazardCurve, excluded_age, overturning_rate, survival
+from vsr2.motion import rotd
+from vsr2.scene.mass import principal_mass_properties
+
+CURVE = HazardCurve("pga_g", np.array([0.1, 0.2, 0.4]), np.array([1e-2, 1e-3, 1e-4]))
+FELL = np.array([True, False, True, False])
+FOUR = np.array([0.1, 0.2, 0.3, 0.4])
+
+TAKERS: dict[str, Callable[[Any], object]] = {
+    "median": lambda a: overturning_rate(CURVE, a, 0.3),
+    "beta": lambda a: overturning_rate(CURVE, 0.3, a),
+    "survival": lambda a: survival(a, 1000.0),
+    "rates": excluded_age,
+    "levels": lambda a: HazardCurve("pga_g", a, np.array([4e-2, 1e-2, 1e-3, 1e-4])),
+    "intensities": lambda a: fit_fragility(a, FELL, list("aabb")),
+    "rotd": lambda a: rotd(FOUR, a),
+    "series": lambda a: Series(time=a, tilt=np.zeros(4)),
+    "mass centre": lambda a: principal_mass_properties(1.0, a[:3], np.eye(3), "rock"),
+    "tensor": lambda a: principal_mass_properties(1.0, np.zeros(3), a, "rock"),
+    "folds": lambda a: grouped_folds(np.arange(4), a, 2),
+    "mean margin": MarginModel().mean,
+    "margins": lambda a: fit_margin_model(a, FELL),
+    "ended": lambda a: fit_margin_model(FOUR[None], a),
+    "replicates": overturning_probability,
+    "error": probability_error,
+    "probability": lambda a: probability_intervals(FELL, a, np.arange(4).astype(str)),
+    "pga": lambda a: logistic_probability(a, FOUR, FELL, FOUR, FOUR),
+    "rank": lambda a: rank(a, 0.2, np.random.default_rng(0)),
+    "ranks": uniformity,
+}
+SPOILT: dict[str, Any] = {
+    "masked": np.ma.array(FOUR, mask=[0, 1, 0, 0]),
+    "complex": FOUR + 1j,
+    "text": ["0.1", "0.2", "0.3", "0.4"],
+    "dates": np.array(["2020", "2021", "2022", "2023"], "datetime64[Y]"),
+}
+
+
+@pytest.mark.parametrize("spoilt", SPOILT)
+@pytest.mark.parametrize("taker", TAKERS)
+def test_an_array_of_anything_but_real_numbers_is_refused(taker: str, spoilt: str) -> None:
+    with pytest.raises(Vsr2Error, match=r"masked array|not an array of numbers"):
+        TAKERS[taker](SPOILT[spoilt])
+
+
+@pytest.mark.parametrize("taker", [overturning_probability, probability_error])
+def test_outcomes_may_be_truth_values(taker: Callable[[Any], Any]) -> None:
+    assert np.array_equal(taker([FELL]), taker([FELL.astype(float)]))
+    assert np.array_equal(taker([[True, False]]), taker([[1, 0]]))
+
+
+def test_a_value_is_shown_in_one_line() -> None:
+    assert shown(np.zeros((2, 2))) == "array([[0., 0.], [0., 0.]])"
