@@ -35,6 +35,7 @@ from vsr2.report.messages import (
 )
 from vsr2.report.messages.blind_packs import FAILURES, event_text
 from vsr2.report.messages.data import scene_note
+from vsr2.report.messages.figure_titles import SHOWN_AS_NONE, SHOWN_AS_ON_TIME, tracking_title
 from vsr2.report.messages.runs import STATUS_MEANING, fit_note, no_baselines
 from vsr2.report.messages.templates import check_worded
 from vsr2.report.messages.verdicts import instrument, location, next_measurement, sentence
@@ -48,6 +49,20 @@ SAMPLES = {
     Fault: Fault.MOTION,
     NAMES: ("catch", "wear"),
 }
+
+
+@pytest.mark.parametrize(
+    ("lag", "words"),
+    [
+        (float("nan"), "no lag"),
+        (-0.5 * SHOWN_AS_ON_TIME, "0 ms late"),
+        (2.0 * SHOWN_AS_ON_TIME, "2e-06 ms late"),
+        (-0.012, "12 ms early"),
+    ],
+)
+def test_a_lag_within_its_error_is_shown_as_none(lag: float, words: str) -> None:
+    found = SimpleNamespace(peak_error=0.001, rms_error=0.5 * SHOWN_AS_NONE, lag=lag)
+    assert tracking_title(found) == f"peak 1 mm, rms 0 mm, {words}"
 
 
 @pytest.mark.parametrize("code", [*ReasonCode, *LimitCode])

@@ -14,6 +14,9 @@ if TYPE_CHECKING:
 
 SHOWN_AS_NONE = 1e-9
 """Errors below this are shown as none: they are rounding [m]."""
+SHOWN_AS_ON_TIME = 1e-9
+"""A lag below this is shown as 0 ms [s]: :func:`vsr2.analysis.tracking` seeks it to a millionth of
+the interval between rows, 1e-9 s of one of 1 ms."""
 
 EQUAL_MOTION = "actual and commanded motion are equal"
 NO_MEASURES = "no trial has intensity measures"
@@ -37,7 +40,7 @@ def _millimetres(length: float) -> str:
 def _lag(lag: float) -> str:
     if math.isnan(lag):
         return "no lag"
-    milliseconds = 0.0 if abs(lag) < 1e-9 else 1e3 * lag
+    milliseconds = 0.0 if abs(lag) < SHOWN_AS_ON_TIME else 1e3 * lag
     return f"{abs(milliseconds):.3g} ms {'early' if milliseconds < 0 else 'late'}"
 
 
