@@ -1,7 +1,7 @@
 #!/usr/bin/env python3
-"""Measure the prose of Markdown pages in words per sentence.
+"""Measure the prose of Markdown pages and notebooks in words per sentence.
 
-    python scripts/prose.py [--worst N] [PAGE ...]      (default: README.md and all of docs/)
+    python scripts/prose.py [--worst N] [PAGE ...]      (default: all pages that a user reads)
 
 Headings, code blocks, images and short table cells are not prose. A table cell of more than
 CELL words is. Inline code is one word, a link is its text. Ends with 1 if a page exceeds AVERAGE,
@@ -11,6 +11,7 @@ or one of its sentences LONGEST.
 from __future__ import annotations
 
 import argparse
+import json
 import re
 import sys
 from dataclasses import dataclass
@@ -80,9 +81,20 @@ def _paragraphs(markdown: str) -> list[str]:
     return paragraphs
 
 
+def text_of(page: Path) -> str:
+    """The Markdown of a page: of a notebook, its cells of text."""
+    text = page.read_text(encoding="utf-8")
+    if page.suffix != ".ipynb":
+        return text
+    cells = json.loads(text)["cells"]
+    return "\n\n".join("".join(c["source"]) for c in cells if c["cell_type"] == "markdown")
+
+
 def pages(root: Path) -> list[Path]:
-    """`README.md` and every page of `docs/`."""
-    return [root / "README.md", *sorted((root / "docs").rglob("*.md"))]
+    """The pages of the top folder, and all pages and notebooks of `docs/` and of what it shows."""
+    folders = [root.glob("*.md"), (root / "docs").rglob("*.ipynb")]
+    folders += [(root / name).rglob("*.md") for name in ("docs", "configs", "models")]
+    return [page for folder in folders for page in sorted(folder)]
 
 
 def main() -> int:
@@ -94,7 +106,7 @@ def main() -> int:
     failed = False
     print(f"{'average':>7} {'longest':>7} {'> ' + str(LONG):>5}  page")
     for page in options.pages or pages(Path(__file__).parents[1]):
-        prose = measure(page.read_text(encoding="utf-8"))
+        prose = measure(text_of(page))
         above = prose.average > AVERAGE or prose.longest > LONGEST
         mark = "  <-- above the limit" if above else ""
         failed |= above

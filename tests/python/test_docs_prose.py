@@ -1,5 +1,6 @@
-"""Pages of the documentation stay readable: at most 25 words a sentence on average, 40 in one."""
+"""Pages and notebooks stay readable: at most 25 words a sentence on average, 40 in one."""
 
+import json
 import runpy
 from pathlib import Path
 
@@ -7,15 +8,34 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 SCRIPT = runpy.run_path(str(ROOT / "scripts" / "prose.py"))
-AVERAGE, LONGEST, measure = SCRIPT["AVERAGE"], SCRIPT["LONGEST"], SCRIPT["measure"]
+AVERAGE, LONGEST = SCRIPT["AVERAGE"], SCRIPT["LONGEST"]
+measure, text_of = SCRIPT["measure"], SCRIPT["text_of"]
 PAGES = SCRIPT["pages"](ROOT)
 
 
 @pytest.mark.parametrize("page", PAGES, ids=[str(page.relative_to(ROOT)) for page in PAGES])
 def test_sentences_are_short(page):
-    prose = measure(page.read_text(encoding="utf-8"))
+    prose = measure(text_of(page))
     assert prose.average <= AVERAGE
     assert [sentence for words, sentence in prose.long if words > LONGEST] == []
+
+
+def test_all_that_a_user_reads_is_measured():
+    named = {str(page.relative_to(ROOT)) for page in PAGES}
+    assert {"README.md", "CHANGELOG.md", "CONTRIBUTING.md", "SECURITY.md"} <= named
+    assert {"docs/architecture.md", "models/README.md", "docs/notebooks/batches.ipynb"} <= named
+    assert {str(p.relative_to(ROOT)) for p in (ROOT / "docs").rglob("*.ipynb")} <= named
+
+
+def test_of_a_notebook_its_text_is_measured(tmp_path):
+    page = tmp_path / "page.ipynb"
+    cells = [
+        {"cell_type": "markdown", "source": ["One two\n", "three."]},
+        {"cell_type": "code", "source": ["not a word of this"]},
+        {"cell_type": "markdown", "source": "Four five."},
+    ]
+    page.write_text(json.dumps({"cells": cells}))
+    assert [count for count, _ in measure(text_of(page)).sentences] == [3, 2]
 
 
 @pytest.mark.parametrize(
