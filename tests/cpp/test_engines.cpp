@@ -47,7 +47,7 @@ TEST(Engines, EveryResultSaysWhichEngineRan) {
   }
 }
 
-TEST(Engines, AHandOverIsToldInTheResult) {
+TEST(Engines, AHandOverIsInTheResult) {
   const std::atomic<bool> run_on{false};
   EngineSettings engine;
   engine.kind = EngineKind::fast;

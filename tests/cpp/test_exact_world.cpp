@@ -40,9 +40,9 @@ class ExactWorldBits : public ::testing::TestWithParam<std::tuple<RockKind, Driv
 
 TEST_P(ExactWorldBits, EqualParityThroughAPulseThatOverturns) {
   const auto [kind, drive] = GetParam();
-  const auto shared = scene(kind);
-  const auto parity = make_bullet_world(shared, drive);
-  const auto exact = make_exact_world(shared, drive);
+  const auto common = scene(kind);
+  const auto parity = make_bullet_world(common, drive);
+  const auto exact = make_exact_world(common, drive);
   parity->spawn_rock(test::start(kind));
   exact->spawn_rock(test::start(kind));
   const test::Pulse pulse{0.25, 1.5};
@@ -51,9 +51,9 @@ TEST_P(ExactWorldBits, EqualParityThroughAPulseThatOverturns) {
 
 TEST_P(ExactWorldBits, EqualParityWhileTumbling) {
   const auto [kind, drive] = GetParam();
-  const auto shared = scene(kind);
-  const auto parity = make_bullet_world(shared, drive);
-  const auto exact = make_exact_world(shared, drive);
+  const auto common = scene(kind);
+  const auto parity = make_bullet_world(common, drive);
+  const auto exact = make_exact_world(common, drive);
   for (World* world : {parity.get(), exact.get()}) {
     Pose high = test::start(kind);
     high.position.z() += 0.2;
@@ -80,9 +80,9 @@ TEST(ExactWorld, EqualsParityOffThePedestal) {
   PedestalSpec small = test::pedestal({1.2, 1.2, 0.5});
   small.base_size = {3, 3, 2};
   for (const RockKind kind : {RockKind::box, RockKind::hull, RockKind::hull_off_centre}) {
-    const auto shared = scene(kind, {}, small);
-    const auto parity = make_bullet_world(shared, Drive::motor_position);
-    const auto exact = make_exact_world(shared, Drive::motor_position);
+    const auto common = scene(kind, {}, small);
+    const auto parity = make_bullet_world(common, Drive::motor_position);
+    const auto exact = make_exact_world(common, Drive::motor_position);
     for (World* world : {parity.get(), exact.get()}) {
       world->spawn_rock(test::start(kind));
       world->set_rock_velocity({4.0, 0.5, 0}, {0, 1, 0});
@@ -103,9 +103,9 @@ TEST(ExactWorld, EqualsParityForOtherSettings) {
   for (std::size_t k = 0; k < settings.size(); ++k) {
     for (const RockKind kind : {RockKind::box, RockKind::hull}) {
       SCOPED_TRACE(k);
-      const auto shared = scene(kind, settings[k]);
-      const auto parity = make_bullet_world(shared, Drive::motor_position);
-      const auto exact = make_exact_world(shared, Drive::motor_position);
+      const auto common = scene(kind, settings[k]);
+      const auto parity = make_bullet_world(common, Drive::motor_position);
+      const auto exact = make_exact_world(common, Drive::motor_position);
       parity->spawn_rock(test::start(kind));
       exact->spawn_rock(test::start(kind));
       const test::Pulse pulse{0.25, 1.5};
@@ -119,9 +119,9 @@ TEST(ExactWorld, EqualsParityWithRollingFriction) {
   rock.material["rolling_friction"] = 0.1;
   PedestalSpec pedestal = test::pedestal();
   pedestal.material["rolling_friction"] = 0.1;
-  const auto shared = std::make_shared<Scene>(EngineSettings{}, pedestal, rock);
-  const auto parity = make_bullet_world(shared, Drive::prescribed);
-  const auto exact = make_exact_world(shared, Drive::prescribed);
+  const auto common = std::make_shared<Scene>(EngineSettings{}, pedestal, rock);
+  const auto parity = make_bullet_world(common, Drive::prescribed);
+  const auto exact = make_exact_world(common, Drive::prescribed);
   parity->spawn_rock(test::start(RockKind::hull));
   exact->spawn_rock(test::start(RockKind::hull));
   const test::Pulse pulse{0.25, 1.5};
@@ -136,9 +136,9 @@ TEST(ExactWorld, EqualsParityOnATriangleSurface) {
   triangles.faces = {{0, 1, 4}, {1, 2, 4}, {2, 3, 4}, {3, 0, 4}};
   surface.parts = {triangles};
   for (const RockKind kind : {RockKind::box, RockKind::hull, RockKind::hull_off_centre}) {
-    const auto shared = scene(kind, {}, surface);
-    const auto parity = make_bullet_world(shared, Drive::prescribed);
-    const auto exact = make_exact_world(shared, Drive::prescribed);
+    const auto common = scene(kind, {}, surface);
+    const auto parity = make_bullet_world(common, Drive::prescribed);
+    const auto exact = make_exact_world(common, Drive::prescribed);
     parity->spawn_rock(test::start(kind));
     exact->spawn_rock(test::start(kind));
     const test::Pulse pulse{0.25, 1.5};
@@ -148,11 +148,11 @@ TEST(ExactWorld, EqualsParityOnATriangleSurface) {
 
 TEST(ExactWorld, EqualsItselfWithoutVectorInstructions) {
   if (instruction_set() != InstructionSet::avx2) GTEST_SKIP() << "this processor has no AVX2";
-  const auto shared = scene(RockKind::hull);
+  const auto common = scene(RockKind::hull);
   std::vector<RockState> states[2];
   for (const bool portable : {false, true}) {
     set_instruction_set(portable ? InstructionSet::portable : InstructionSet::automatic);
-    const auto world = make_exact_world(shared, Drive::prescribed);
+    const auto world = make_exact_world(common, Drive::prescribed);
     world->spawn_rock(test::start(RockKind::hull));
     const test::Pulse pulse{0.25, 1.5};
     for (int i = 0; i < 1000; ++i) {

@@ -22,9 +22,9 @@ class FastWorldAgreement : public ::testing::TestWithParam<std::tuple<RockKind, 
 // lean by some 1e-13. 1e-10 m over 1000 steps leaves room for its growth while the rock rocks.
 TEST_P(FastWorldAgreement, FollowsParityStepForStep) {
   const auto [kind, drive] = GetParam();
-  const auto shared = scene(kind, swept());
-  const auto parity = make_bullet_world(shared, drive);
-  const auto fast = make_fast_world(shared, drive);
+  const auto common = scene(kind, swept());
+  const auto parity = make_bullet_world(common, drive);
+  const auto fast = make_fast_world(common, drive);
   parity->spawn_rock(test::start(kind));
   fast->spawn_rock(test::start(kind));
   const test::Pulse pulse;
@@ -66,9 +66,9 @@ TEST_P(FastWorldAgreement, FollowsParityStepForStep) {
 // Spinning, bouncing and sliding on impact.
 TEST_P(FastWorldAgreement, FollowsParityThroughAnImpact) {
   const auto [kind, drive] = GetParam();
-  const auto shared = scene(kind);
-  const auto parity = make_bullet_world(shared, drive);
-  const auto fast = make_fast_world(shared, drive);
+  const auto common = scene(kind);
+  const auto parity = make_bullet_world(common, drive);
+  const auto fast = make_fast_world(common, drive);
   for (World* world : {parity.get(), static_cast<World*>(fast.get())}) {
     Pose high = test::start(kind);
     high.position.z() += 0.05;
@@ -97,9 +97,9 @@ TEST(FastWorld, FollowsParityWithSubsteps) {
   EngineSettings engine;
   engine.substeps = 3;
   for (const Drive drive : {Drive::prescribed, Drive::motor_position_velocity}) {
-    const auto shared = scene(RockKind::hull, engine);
-    const auto parity = make_bullet_world(shared, drive);
-    const auto fast = make_fast_world(shared, drive);
+    const auto common = scene(RockKind::hull, engine);
+    const auto parity = make_bullet_world(common, drive);
+    const auto fast = make_fast_world(common, drive);
     parity->spawn_rock(test::start(RockKind::hull));
     fast->spawn_rock(test::start(RockKind::hull));
     const test::Pulse pulse;
@@ -118,9 +118,9 @@ TEST(FastWorld, HandsOverAtTheEdgeWithoutAJump) {
        {RockKind::box, RockKind::hull, RockKind::hull_off_centre, RockKind::box_off_centre}) {
     for (const Drive drive : {Drive::prescribed, Drive::motor_position}) {
       SCOPED_TRACE(test::name(kind));
-      const auto shared = scene(kind, {}, test::pedestal({2.5, 2.5, 0.5}));
-      const auto parity = make_bullet_world(shared, drive);
-      const auto fast = make_fast_world(shared, drive);
+      const auto common = scene(kind, {}, test::pedestal({2.5, 2.5, 0.5}));
+      const auto parity = make_bullet_world(common, drive);
+      const auto fast = make_fast_world(common, drive);
       for (World* world : {parity.get(), static_cast<World*>(fast.get())}) {
         world->spawn_rock(test::start(kind));
         world->set_rock_velocity({3.5, 0.4, 0}, {0, 0, 0});
@@ -148,9 +148,9 @@ TEST(FastWorld, HandsOverAtTheEdgeWithoutAJump) {
 }
 
 TEST(FastWorld, HandsOverWhenTheRockIsDeepInThePedestal) {
-  const auto shared = scene(RockKind::hull);
-  const auto exact = make_exact_world(shared, Drive::prescribed);
-  const auto fast = make_fast_world(shared, Drive::prescribed);
+  const auto common = scene(RockKind::hull);
+  const auto exact = make_exact_world(common, Drive::prescribed);
+  const auto fast = make_fast_world(common, Drive::prescribed);
   Pose deep = test::start(RockKind::hull);
   deep.position.z() = 2.7;
   exact->spawn_rock(deep);
@@ -173,9 +173,9 @@ TEST(FastWorld, HandsOverWhenTheRockIsDeepInThePedestal) {
 TEST(FastWorld, HandsOverBetweenTimeSteps) {
   EngineSettings engine;
   engine.substeps = 7;
-  const auto shared = scene(RockKind::hull, engine, test::pedestal({2.5, 2.5, 0.5}));
-  const auto parity = make_bullet_world(shared, Drive::prescribed);
-  const auto fast = make_fast_world(shared, Drive::prescribed);
+  const auto common = scene(RockKind::hull, engine, test::pedestal({2.5, 2.5, 0.5}));
+  const auto parity = make_bullet_world(common, Drive::prescribed);
+  const auto fast = make_fast_world(common, Drive::prescribed);
   for (World* world : {parity.get(), static_cast<World*>(fast.get())}) {
     world->spawn_rock(test::start(RockKind::hull));
     world->set_rock_velocity({3.5, 0.4, 0}, {0, 0, 0});
@@ -202,11 +202,11 @@ TEST(FastWorld, KeepsAStateThatIsNotANumber) {
 
 TEST(FastWorld, GivesTheSameBitsOnEveryThread) {
   for (const RockKind kind : {RockKind::hull, RockKind::box_off_centre}) {
-    const auto shared = scene(kind, {}, test::pedestal({2.5, 2.5, 0.5}));
+    const auto common = scene(kind, {}, test::pedestal({2.5, 2.5, 0.5}));
     constexpr std::size_t kThreads = 4;
     std::array<std::vector<RockState>, kThreads> states;
     const auto run = [&](std::vector<RockState>& out) {
-      const auto fast = make_fast_world(shared, Drive::motor_position);
+      const auto fast = make_fast_world(common, Drive::motor_position);
       fast->spawn_rock(test::start(kind));
       fast->set_rock_velocity({3.0, 0.4, 0}, {0, 0, 0});  // over the edge: Bullet's part counts too
       for (int i = 0; i < 900; ++i) {
@@ -230,11 +230,11 @@ TEST(FastWorld, EqualsItselfWithoutVectorInstructions) {
     for (const Drive drive : {Drive::prescribed, Drive::motor_position}) {
       EngineSettings engine;
       engine.converged_contacts = !swept;
-      const auto shared = scene(RockKind::hull, engine);
+      const auto common = scene(RockKind::hull, engine);
       std::vector<RockState> states[2];
       for (const bool portable : {false, true}) {
         set_instruction_set(portable ? InstructionSet::portable : InstructionSet::automatic);
-        const auto world = make_fast_world(shared, drive);
+        const auto world = make_fast_world(common, drive);
         world->spawn_rock(test::start(RockKind::hull));
         const test::Pulse pulse{0.25, 1.5};
         for (int i = 0; i < 1500; ++i) {
@@ -250,9 +250,9 @@ TEST(FastWorld, EqualsItselfWithoutVectorInstructions) {
 }
 
 TEST(FastWorld, StartsAfreshAfterDeletion) {
-  const auto shared = scene(RockKind::hull);
-  const auto used = make_fast_world(shared, Drive::prescribed);
-  const auto fresh = make_fast_world(shared, Drive::prescribed);
+  const auto common = scene(RockKind::hull);
+  const auto used = make_fast_world(common, Drive::prescribed);
+  const auto fresh = make_fast_world(common, Drive::prescribed);
   EXPECT_THROW(used->delete_rock(), InvalidInput);
   EXPECT_THROW(used->rock(), InvalidInput);
   for (const double z : {2.96, 2.7}) {  // the second hands over
@@ -290,9 +290,9 @@ TEST(FastWorld, FollowsParityOnASlope) {
   for (const RockKind kind : {RockKind::box, RockKind::box_off_centre, RockKind::hull,
                               RockKind::hull_off_centre}) {
     for (const Drive drive : {Drive::prescribed, Drive::prescribed_spatial}) {
-      const auto shared = scene(kind, swept(), sloping_pedestal());
-      const auto parity = make_bullet_world(shared, drive);
-      const auto fast = make_fast_world(shared, drive);
+      const auto common = scene(kind, swept(), sloping_pedestal());
+      const auto parity = make_bullet_world(common, drive);
+      const auto fast = make_fast_world(common, drive);
       Pose start = test::start(kind);
       start.position.z() += 0.02;
       parity->spawn_rock(start);
@@ -314,9 +314,9 @@ TEST(FastWorld, FollowsParityOnASlope) {
 }
 
 TEST(FastWorld, LeavesAMotorOnASlopeToBullet) {
-  const auto shared = scene(RockKind::hull, {}, sloping_pedestal());
-  const auto exact = make_exact_world(shared, Drive::motor_position);
-  const auto fast = make_fast_world(shared, Drive::motor_position);
+  const auto common = scene(RockKind::hull, {}, sloping_pedestal());
+  const auto exact = make_exact_world(common, Drive::motor_position);
+  const auto fast = make_fast_world(common, Drive::motor_position);
   for (World* world : {exact.get(), static_cast<World*>(fast.get())}) {
     world->spawn_rock(test::start(RockKind::hull));
     for (int i = 0; i < 300; ++i) world->step({});
@@ -328,10 +328,10 @@ TEST(FastWorld, LeavesAMotorOnASlopeToBullet) {
 TEST(FastWorld, NamesWhatItDoesNotTake) {
   const auto refusal = [](const EngineSettings& engine, const PedestalSpec& pedestal,
                           const RockSpec& rock) {
-    const auto shared = std::make_shared<Scene>(engine, pedestal, rock);
-    const FastRefusal reason = fast_refusal(*shared);
+    const auto common = std::make_shared<Scene>(engine, pedestal, rock);
+    const FastRefusal reason = fast_refusal(*common);
     if (reason != FastRefusal::none) {
-      EXPECT_THROW(make_fast_world(shared, Drive::prescribed), InvalidInput);
+      EXPECT_THROW(make_fast_world(common, Drive::prescribed), InvalidInput);
     }
     return reason;
   };
@@ -366,10 +366,10 @@ TEST(FastWorld, NamesWhatItDoesNotTake) {
 TEST(FastWorld, StepsWithoutAllocating) {
   test::count_bullet_allocations();
   for (const RockKind kind : {RockKind::box, RockKind::hull, RockKind::hull_off_centre}) {
-    const auto shared = scene(kind);
+    const auto common = scene(kind);
     for (const bool exact : {false, true}) {
-      const std::unique_ptr<World> world = exact ? make_exact_world(shared, Drive::motor_position)
-                                                 : make_fast_world(shared, Drive::motor_position);
+      const std::unique_ptr<World> world = exact ? make_exact_world(common, Drive::motor_position)
+                                                 : make_fast_world(common, Drive::motor_position);
       world->spawn_rock(test::start(kind));
       const test::Pulse pulse{0.2, 1.5};
       for (int i = 0; i < 300; ++i) world->step(pulse.at(i));
@@ -398,9 +398,9 @@ double energy(const FastModel& model, const RockState& rock) {
 // lifting the rock out of its penetration, not counted here: m g times a depth of less than 5e-5 m.
 TEST(FastWorld, CreatesNoEnergy) {
   for (const RockKind kind : {RockKind::box, RockKind::hull, RockKind::hull_off_centre}) {
-    const auto shared = scene(kind);
-    const FastModel model(*shared);
-    const auto fast = make_fast_world(shared, Drive::prescribed);
+    const auto common = scene(kind);
+    const FastModel model(*common);
+    const auto fast = make_fast_world(common, Drive::prescribed);
     Pose high = test::start(kind);
     high.position.z() += 0.1;
     fast->spawn_rock(high);

@@ -203,9 +203,9 @@ TEST_F(QuietTrial, TakesAllStepsWithALogOfContactsOrPitch) {
 // Trials that share a start go on with copies of one world, whatever ran before them.
 TEST_F(QuietTrial, GoesOnFromASharedStart) {
   const TrialResult alone = run_trial(spec(true), kRunOn);
-  const TrialSpec shared = spec(true);
+  const TrialSpec common = spec(true);
   for (int i = 0; i < 3; ++i) {
-    const TrialResult again = run_trial(shared, kRunOn);
+    const TrialResult again = run_trial(common, kRunOn);
     ASSERT_EQ(again.log.size(), alone.log.size());
     EXPECT_EQ(std::memcmp(again.log.data(), alone.log.data(), again.log.size() * sizeof(double)), 0);
   }
@@ -236,11 +236,11 @@ TEST_F(QuietTrial, NothingHappensInWhatIsNotStepped) {
     for (const bool skip : {false, true}) {
       TrialSpec spec = testing::trial_of(scene(skip), testing::standing(0.502, 0.1), channels[0],
                                          Drive::prescribed_spatial);
-      const auto shared = [](const std::vector<double>& x) {
+      const auto common = [](const std::vector<double>& x) {
         return Samples(std::make_shared<const std::vector<double>>(x));
       };
-      spec.transverse = shared(channels[1]);
-      spec.vertical = shared(channels[2]);
+      spec.transverse = common(channels[1]);
+      spec.vertical = common(channels[2]);
       results[skip] = run_trial(spec, kRunOn);
       ASSERT_EQ(results[skip].status, Status::ok) << results[skip].message;
     }

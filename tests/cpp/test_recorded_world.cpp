@@ -48,11 +48,11 @@ TEST(RecordedWorld, GoesOnWithTheSameBits) {
     for (const bool sprung : {false, true})
       for (const bool mechanisms : {false, true}) {
         SCOPED_TRACE(testing::Message() << static_cast<int>(kind) << sprung << mechanisms);
-        const auto shared = scene(kind, sprung, mechanisms);
+        const auto common = scene(kind, sprung, mechanisms);
         const Drive drive = sprung ? Drive::prescribed_spatial : Drive::motor_position_velocity;
-        const auto plain = make_world(shared, drive);
+        const auto plain = make_world(common, drive);
         plain->spawn_rock(start);
-        RecordedWorld world(shared, drive);
+        RecordedWorld world(common, drive);
         world.spawn_rock(start);
         // Into the rocking, with contacts that came and went.
         for (int i = 0; i < 700; ++i) {
@@ -62,7 +62,7 @@ TEST(RecordedWorld, GoesOnWithTheSameBits) {
         world.set_rock_velocity({0.1, 0, 0}, {0, 0.3, 0});
         plain->set_rock_velocity({0.1, 0, 0}, {0, 0.3, 0});
         const WorldState state = world.save_state();
-        RecordedWorld other(shared, drive);
+        RecordedWorld other(common, drive);
         other.restore_state(state);
         expect_same(*plain, other);
         for (int i = 700; i < 900; ++i) {
@@ -79,8 +79,8 @@ TEST(RecordedWorld, GoesOnWithTheSameBits) {
 }
 
 TEST(RecordedWorld, ComesBackAcrossAHandOver) {
-  const auto shared = scene(EngineKind::fast, false, false, 1.2);
-  RecordedWorld world(shared, Drive::prescribed);
+  const auto common = scene(EngineKind::fast, false, false, 1.2);
+  RecordedWorld world(common, Drive::prescribed);
   world.spawn_rock(test::start(RockKind::hull_flat));
   const WorldState before = world.save_state();
   const auto accelerate = [&world](int steps) {
@@ -107,14 +107,14 @@ TEST(RecordedWorld, KeepsOneEntryForStepsToTheSameSetPoint) {
 }
 
 TEST(RecordedWorld, SettlesByTheTrialsCriterion) {
-  const auto shared = scene(EngineKind::fast, false, false);
+  const auto common = scene(EngineKind::fast, false, false);
   const RestCriterion rest;
-  RecordedWorld world(shared, Drive::prescribed);
+  RecordedWorld world(common, Drive::prescribed);
   EXPECT_THROW(world.settle(rest, 5.0), InvalidInput);
   world.spawn_rock(test::start(RockKind::hull_flat));
   const auto [steps, rests] = world.settle(rest, 20.0);
   EXPECT_TRUE(rests);
-  SettledStart start(shared, Drive::prescribed, test::start(RockKind::hull_flat), rest, 20.0, 0);
+  SettledStart start(common, Drive::prescribed, test::start(RockKind::hull_flat), rest, 20.0, 0);
   const std::atomic<bool> run_on{false};
   EXPECT_EQ(start.settle(run_on).settling_time, static_cast<double>(steps) * 1e-3);
   EXPECT_TRUE(test::same_bits(start.settle(run_on).X_WB_settled.position, world.rock().p_WB));
@@ -122,11 +122,11 @@ TEST(RecordedWorld, SettlesByTheTrialsCriterion) {
 }
 
 TEST(RecordedWorld, RefusesAStateOfAnotherDrive) {
-  const auto shared = scene(EngineKind::fast, false, false);
-  RecordedWorld world(shared, Drive::prescribed);
+  const auto common = scene(EngineKind::fast, false, false);
+  RecordedWorld world(common, Drive::prescribed);
   world.spawn_rock(test::start(RockKind::hull_flat));
   const RockState before = world.rock();
-  EXPECT_THROW(world.restore_state(RecordedWorld(shared, Drive::motor_position).save_state()), InvalidInput);
+  EXPECT_THROW(world.restore_state(RecordedWorld(common, Drive::motor_position).save_state()), InvalidInput);
   WorldState broken = world.save_state();
   broken.actions.push_back(broken.actions.front());
   EXPECT_THROW(world.restore_state(broken), InvalidInput);

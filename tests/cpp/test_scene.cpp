@@ -49,19 +49,19 @@ TEST(Scene, ReducesTheHullOfAPartOnce) {
     engine.collision_margin = margin;
     return std::make_shared<const Scene>(engine, good_pedestal(), rock);
   };
-  const HullPart shared(points);
+  const HullPart common(points);
   test::count_bullet_allocations();
   const auto allocations = [](auto act) {
     const long begin = test::allocation_count();
     act();
     return test::allocation_count() - begin;
   };
-  const auto shape = [&] { HullPart(shared).reduction().shape(1e-3, "rock"); };
+  const auto shape = [&] { HullPart(common).reduction().shape(1e-3, "rock"); };
   const long first = allocations(shape);
   EXPECT_LT(allocations(shape), first / 10);
   // Another margin, which the shape's box depends on, and back.
-  const auto again = built(shared, 1e-3);
-  for (const auto& [margin, kept] : {std::pair{1e-3, again}, {2e-3, built(shared, 2e-3)}}) {
+  const auto again = built(common, 1e-3);
+  for (const auto& [margin, kept] : {std::pair{1e-3, again}, {2e-3, built(common, 2e-3)}}) {
     const auto fresh = built(HullPart(points), margin);
     EXPECT_EQ(kept->rock_hull_vertices(), fresh->rock_hull_vertices()) << margin;
     btVector3 box[4];

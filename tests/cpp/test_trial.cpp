@@ -27,8 +27,8 @@ TEST(Trial, TenTimesTheSameBits) {
   const TrialResult first = run_trial(rocking_trial(), kRunOn);
   ASSERT_EQ(first.status, Status::ok) << first.message;
   ASSERT_GT(first.log.size(), 500U * kLogColumns);
-  const TrialSpec shared = rocking_trial();
-  for (int i = 0; i < 10; ++i) EXPECT_TRUE(same_bits(run_trial(shared, kRunOn).log, first.log));
+  const TrialSpec common = rocking_trial();
+  for (int i = 0; i < 10; ++i) EXPECT_TRUE(same_bits(run_trial(common, kRunOn).log, first.log));
 }
 
 TEST(Trial, LogStartsAtRestAndKeepsTime) {

@@ -96,7 +96,7 @@ def effect(name, value=0.1, relative=3.0, null=0.0, strength="change"):
 
 
 def classes_of(effects):
-    """Names of the effects and of what they cannot be told from."""
+    """Names of the effects and of what nothing distinguishes from them."""
     settings = PackSettings()
     return sorted({name for e in effects for name in settings.class_of(e["name"])})
 

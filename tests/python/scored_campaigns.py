@@ -7,7 +7,7 @@ ESTIMATE = {"change": {"mean": 0.12, "ci90": [0.08, 0.16], "unit": "1"}}
 CAMPAIGNS = {
     # right, by its class: slenderness for table_gain
     "a": ("single", [effect("table_gain", 0.1, 3.0)]),
-    # right, magnitude told: |0.12 - 0.16| / 0.16 = 0.25, its interval holds 0.16
+    # right, magnitude right: |0.12 - 0.16| / 0.16 = 0.25, its interval holds 0.16
     "b": ("single", [effect("restitution", 0.16, 5.0)]),
     # wrong, second in the list
     "c": ("single", [effect("friction", -0.2, 2.5)]),

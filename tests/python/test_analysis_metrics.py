@@ -81,7 +81,7 @@ def test_table_s2_extremes() -> None:
     rows = rows_of_table_s2()
     best = max(rows, key=lambda row: float(row["objective"]))
     assert counts_that_print(best)[0].true_positives == 206
-    # No false alarm at all in one row; in others everything but one trial is told to overturn.
+    # No false alarm at all in one row; in others everything but one trial is predicted to overturn.
     [timid] = [row for row in rows if float(row["precision"]) == 1]
     assert counts_that_print(timid)[0].false_positives == 0
     bold = [row for row in rows if float(row["recall"]) == 1]

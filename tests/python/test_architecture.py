@@ -148,7 +148,7 @@ def test_no_two_modules_share_a_name() -> None:
     assert {stem for stem in stems if stems.count(stem) > 1} == set()
 
 
-SHARED_CLASS_NAMES = {
+EQUAL_CLASS_NAMES = {
     # What a bench measures in a trial, of either engine: blind/mujoco imports nothing of VSR2.
     "Response": {"effects/effect.py", "blind/mujoco/mujoco_trial.py"},
     # One number of an effect, of either engine, for the same reason.
@@ -164,8 +164,8 @@ def test_no_two_public_classes_share_a_name() -> None:
         for node in ast.walk(ast.parse(path.read_text())):
             if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
                 files.setdefault(node.name, []).append(path.relative_to(PACKAGE).as_posix())
-    shared = {name: found for name, found in files.items() if len(found) > 1}
-    assert shared == {name: sorted(found) for name, found in SHARED_CLASS_NAMES.items()}
+    equal = {name: found for name, found in files.items() if len(found) > 1}
+    assert equal == {name: sorted(found) for name, found in EQUAL_CLASS_NAMES.items()}
 
 
 @pytest.mark.parametrize("folder", ["cpp", "python", "tests", "studies", "benchmarks", "scripts"])

@@ -1,4 +1,4 @@
-"""Callers in Python who mistype an argument, or give an old name, are told the right one."""
+"""Callers in Python who mistype an argument, or give an old name, read the right one."""
 
 from __future__ import annotations
 

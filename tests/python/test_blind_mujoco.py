@@ -250,7 +250,7 @@ def amplitude(samples):
 @pytest.mark.parametrize("frequency", [1.0, 5.0, 12.0])
 def test_the_lag_has_its_transfer_function(frequency: float) -> None:
     moved = low_passed(sine(frequency), INTERVAL, corner=5.0)
-    # -3 dB at the corner, as a corner is told.
+    # -3 dB at the corner, as a corner is defined.
     power = (frequency / 5.0) ** 2 * (math.sqrt(2) - 1)
     assert amplitude(moved) == pytest.approx(1 / (1 + power), abs=0.01)
 

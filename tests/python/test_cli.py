@@ -369,8 +369,8 @@ def test_help_and_pages_say_how_many_campaigns_there_are_at_least(
     assert least in " ".join(capsys.readouterr().out.replace("│", " ").split())
     for page in ("how-to/diagnose.md", "reference/command_line.md"):
         text = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8")
-        [told] = [one for one in text.splitlines() if one.startswith(("- `--camp", "| `--camp"))]
-        assert least in told
+        [found] = [one for one in text.splitlines() if one.startswith(("- `--camp", "| `--camp"))]
+        assert least in found
 
 
 def test_diagnose_hands_references_on(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -118,7 +118,7 @@ def test_every_key_is_explained(found) -> None:
 
 
 def test_scatter_is_no_cause(found) -> None:
-    """What fitted scatter closes is told apart from what causes close beyond it."""
+    """What fitted scatter closes is kept apart from what causes close beyond it."""
     held_out = found[0].content["held_out"]
     scatter, beyond = held_out["scatter_alone"], held_out["beyond_scatter"]
     nothing = held_out["waterfall"][0]
@@ -367,7 +367,7 @@ def test_simulations_that_all_fail_are_refused(campaign, monkeypatch) -> None:
 
 
 @pytest.mark.parametrize("always", [True, False])
-def test_a_scene_in_which_nothing_matters_is_told(campaign, monkeypatch, always) -> None:
+def test_a_scene_in_which_nothing_matters_says_so(campaign, monkeypatch, always) -> None:
     shaken_by(monkeypatch, lambda one: always)
     result = searched(campaign)
     assert json.loads(result.to_json())["emulator"]["error"] is None

@@ -132,19 +132,19 @@ def test_errors_of_scenes_left_out_are_those_of_an_emulator_without_them() -> No
     rng = np.random.default_rng(8)
     features, _, asked, group, groups = grouped(rng)
     levels = margin_levels(asked, group, groups)
-    whole = emulator_of(fit_kernel(features, levels), features, levels)
+    full = emulator_of(fit_kernel(features, levels), features, levels)
     for row in (0, 7):
         rest = np.arange(len(features)) != row
         others = replace(margin_levels(asked[rest], group[rest], groups), centre=levels.centre)
-        without = emulator_of(whole.kernel, features[rest], others)
+        without = emulator_of(full.kernel, features[rest], others)
         mean, by_motion, by_trial = plain_margins(without, features[[row]])
         own = groups.asked[group[row]]
         # The mean of a trial has moved a little, and numbers of trials are typical ones.
-        np.testing.assert_allclose(whole.errors[row, own], (asked[row] - mean[0])[own], atol=0.03)
-        common = without.processes[MarginLevel.ALL].variance(features[[row]] * whole.kernel.weights)
+        np.testing.assert_allclose(full.errors[row, own], (asked[row] - mean[0])[own], atol=0.03)
+        common = without.processes[MarginLevel.ALL].variance(features[[row]] * full.kernel.weights)
         spread = np.sqrt(by_motion[0] + by_trial[0] + common[0])
-        np.testing.assert_allclose(whole.expected[row, own], spread, rtol=0.15)
-    assert np.isnan(whole.errors[0][~groups.asked[group[0]]]).all()
+        np.testing.assert_allclose(full.expected[row, own], spread, rtol=0.15)
+    assert np.isnan(full.errors[0][~groups.asked[group[0]]]).all()
 
 
 def test_an_error_that_all_trials_share_moves_all_of_them(emulator) -> None:

@@ -57,12 +57,12 @@ def drawn(steps, count, seed=1):
 
 
 def test_a_step_needs_the_margins_of_all_its_parts() -> None:
-    whole = cause_space(library())
-    assert session_steps(whole, ORDER, SESSIONS).names == ("change_point", "session")
-    assert session_steps(whole, ORDER, SESSIONS, ["session"]).names == ("change_point",)
+    full = cause_space(library())
+    assert session_steps(full, ORDER, SESSIONS).names == ("change_point", "session")
+    assert session_steps(full, ORDER, SESSIONS, ["session"]).names == ("change_point",)
     without = cause_space(library(), ["friction"])
     assert session_steps(without, ORDER, SESSIONS).names == ("change_point",)
-    assert not set(whole.names) & {"change_point", "session", "placement", "outcome_rule"}
+    assert not set(full.names) & {"change_point", "session", "placement", "outcome_rule"}
 
 
 @pytest.mark.parametrize("sessions", [SESSIONS, ["one"] * TRIALS])
@@ -106,8 +106,8 @@ def test_before_the_step_is_the_scene_without_it_and_after_it_the_scene_with_it(
     ]
     throughout[:, 0] = change * 0.15 / 0.06
     on[:, 0] = True
-    whole, *its = steps.margins(seen(learnt, 30), throughout, on)
-    np.testing.assert_allclose(mean[late], whole[late], atol=1e-9)
+    together, *its = steps.margins(seen(learnt, 30), throughout, on)
+    np.testing.assert_allclose(mean[late], together[late], atol=1e-9)
     for variance, own in zip(variances, its, strict=True):
         assert (variance >= own - 1e-12).all()
 

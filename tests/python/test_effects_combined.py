@@ -69,7 +69,7 @@ def test_a_slope_leaves_the_frame_of_the_top_as_it_was() -> None:
     tilted = changed(block, ("base_slope", SLOPE))
     assert mass_height(tilted) == pytest.approx(mass_height(block), abs=1e-12)
     assert half_widths(tilted) == pytest.approx(half_widths(block), abs=1e-12)
-    # Slenderness is told in that frame too: before and after the slope is the same.
+    # Slenderness is given in that frame too: before and after the slope is the same.
     lean = ("slenderness", {"change": 0.05})
     first = changed(changed(block, lean), ("base_slope", SLOPE))
     last = changed(tilted, lean)

@@ -156,7 +156,7 @@ def test_margins_are_sought_together_as_long_as_their_motions_are_kept() -> None
     assert _parts(np.zeros(0, dtype=np.int64)) == []
 
 
-def test_pairs_of_vertices_and_planes_are_those_of_the_whole_table() -> None:
+def test_pairs_of_vertices_and_planes_are_those_of_the_full_table() -> None:
     rng = np.random.default_rng(5)
     vertices, normals = rng.normal(size=(700, 3)), rng.normal(size=(900, 3))
     assert vertices.shape[0] * normals.shape[0] > 2 * _PAIRS

@@ -92,7 +92,7 @@ def test_standard_errors_are_those_of_the_truth(noise, pga, pgv_pga):
     for name, true in (("displacement", x), ("velocity", v), ("acceleration", a)):
         score = rms((getattr(fused, name) - true) / getattr(fused, f"{name}_error"))
         # smooth shaking is no Wiener process, which errs on the side of caution; and the noise is
-        # itself told from a few seconds
+        # itself estimated from a few seconds
         assert 0.45 < score < 1.2, name
     assert 0.7 < fused.consistency < 1.1
 

@@ -173,7 +173,7 @@ def test_the_hash_tells_whose_a_part_is_and_how_the_pedestal_slopes() -> None:
     assert len({one.sha256 for one in scenes}) == len(scenes)
 
 
-def test_whole_numbers_are_numbers() -> None:
+def test_integers_are_numbers() -> None:
     scene = build_scene(study_from_mapping(
         {"rock": {"shape": "box", "size": [1, 1, 2], "density": 2000.0},
          "motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}},

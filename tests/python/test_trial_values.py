@@ -97,7 +97,7 @@ def test_a_copy_is_equal_and_runs_to_the_same_bits(trial: Trial, duplicate: Copy
     assert plan_sha256([other]) == plan_sha256([trial])
     assert not other.motion.acceleration.flags.writeable
     assert not other.motion.vertical.velocity.flags.writeable
-    # The hash told beforehand is that of the content.
+    # The hash that was made before is that of the content.
     assert replace(other.scene).sha256 == trial.scene.sha256
     first, second = run_batch([trial], threads=1), run_batch([other], threads=1)
     assert first.log(0).state.tobytes() == second.log(0).state.tobytes()
@@ -218,7 +218,7 @@ def test_all_that_acts_is_in_the_hash(trial: Trial) -> None:
 SPELLED = [int, np.int64, np.float32, np.float64]
 
 
-def whole_numbers(spelled: Callable[[int], Any], trial: Trial) -> Trial:
+def integers(spelled: Callable[[int], Any], trial: Trial) -> Trial:
     """A trial whose numbers are integers, spelled with other types."""
 
     def numbers(*values: int) -> Any:
@@ -261,7 +261,7 @@ def whole_numbers(spelled: Callable[[int], Any], trial: Trial) -> Trial:
 def test_a_hash_does_not_depend_on_how_numbers_are_spelled(
     trial: Trial, spelled: Callable[[int], Any]
 ) -> None:
-    plain, other = whole_numbers(float, trial), whole_numbers(spelled, trial)
+    plain, other = integers(float, trial), integers(spelled, trial)
     assert other.sha256 == plain.sha256
     assert (other, other.scene, other.motion) == (plain, plain.scene, plain.motion)
     assert len({plain, other}) == len({plain.scene, other.scene}) == 1

@@ -131,7 +131,7 @@ def test_the_slider_moves_the_rock(browser: Any, live: ReplayServer, tmp_path: P
     assert "0.00" in inputs(browser)
 
     sliders(browser)[0].send_keys(keys.END)
-    wait_for(lambda: live.time == 2.0, "the server told of the new time")
+    wait_for(lambda: live.time == 2.0, "the server knows the new time")
     # 1.5 rad at the end of `falling_log`: the rock lies on its side.
     wait_for(lambda: "85.94" in inputs(browser), "the tilt read out")
 

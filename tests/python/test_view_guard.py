@@ -44,7 +44,7 @@ def test_the_page_is_served_under_names_of_this_machine(server: ReplayServer, na
 
 
 def test_a_foreign_host_is_refused(server: ReplayServer) -> None:
-    # As a browser asks whose name server was told to let the name point here.
+    # As a browser asks whose name server lets the name point here.
     assert get(server, f"attacker.example:{server.port}") == 403
     assert get(server, "192.0.2.7") == 403
 

@@ -30,7 +30,7 @@ def test_what_is_drawn_stands_where_the_simulation_is() -> None:
         before = np.array(rock.position)
         for i in range(100):
             simulation.step(0.002 * i)
-        np.testing.assert_array_equal(rock.position, before)  # until it is told
+        np.testing.assert_array_equal(rock.position, before)  # until it is updated
         view.update()
         state = simulation.state
         assert np.linalg.norm(state.position - before) > 0.01

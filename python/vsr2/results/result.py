@@ -141,12 +141,12 @@ def _kept_column(name: str, given: Any, count: int) -> NDArray[Any]:
         return np.asarray(given)
     numbers = real_argument(given, f"batch result: column {name}", ResultError)
     if name in INTEGER_COLUMNS:
-        whole = np.asarray(given)
-        if whole.dtype.kind not in "iu":
+        integers = np.asarray(given)
+        if integers.dtype.kind not in "iu":
             raise ResultError(
-                f"batch result: column {name} is not an array of integers (but of {whole.dtype})"
+                f"batch result: column {name} is not an array of integers (but of {integers.dtype})"
             )
-        return whole
+        return integers
     return numbers
 
 
