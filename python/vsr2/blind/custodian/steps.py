@@ -6,12 +6,12 @@ import json
 from collections.abc import Callable
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Any
 
-from pydantic import Field, ValidationError
+from pydantic import ValidationError
 
 from vsr2.blind.form.pack_form import Entry
-from vsr2.blind.form.reader import Part, Sha256
+from vsr2.blind.form.reader import Digits, Part, Sha256
 from vsr2.blind.form.seal import canonical, read_json, write_json
 from vsr2.config.problems import shown
 from vsr2.errors import BlindError
@@ -60,7 +60,7 @@ def numbers(count: int) -> Wanted:
 class PackState(Part):
     """What of `custodian.json` all draws and the seal come from."""
 
-    seed: Annotated[str, Field(pattern=r"^[0-9]{1,4000}\z")]
+    seed: Digits
     salt: Sha256
 
 

@@ -28,7 +28,9 @@ Count = Annotated[int, Field(ge=0)]
 Probability = Annotated[float, AfterValidator(_probable)]
 Ends = Annotated[tuple[float, float], Field(strict=False), AfterValidator(_rising)]
 Names = Annotated[tuple[Name, ...], Field(strict=False)]
-Sha256 = Annotated[str, Field(pattern=r"^[0-9a-f]{64}\z")]
+SHA256, DIGITS = r"^[0-9a-f]{64}\z", r"^[0-9]{1,4000}\z"
+Sha256 = Annotated[str, Field(pattern=SHA256)]
+Digits = Annotated[str, Field(pattern=DIGITS)]
 
 
 class Part(BaseModel):
@@ -53,9 +55,26 @@ _WANTED = {
     **dict.fromkeys(("dict_type", "model_type", "mapping_type"), "it should be a mapping"),
     **dict.fromkeys(("tuple_type", "list_type", "frozen_set_type"), "it should be a list"),
     "bool_type": "it should be true or false",
+    "int_type": "it should be a whole number",
+    "float_type": "it should be a number",
+    "finite_number": "it should be a finite number",
+    **dict.fromkeys(("string_type", "string_unicode"), "it should be text"),
+    "invalid_key": "a key should be text",
+    "string_too_short": "it should not be empty",
+    "greater_than": "it should be greater than {gt:g}",
+    "greater_than_equal": "it should be greater than or equal to {ge:g}",
+    "too_short": "it should be a list of {min_length} or more",
+    "too_long": "it should be a list of {max_length} at most",
+    **dict.fromkeys(("enum", "literal_error"), "it should be {expected}"),
     "extra_forbidden": "it is no key here; remove it, or correct its name",
 }
-"""What a value should be, by pydantic's type of error, where its own words do not serve."""
+"""What a value should be, by pydantic's type of error, with the numbers and words that pydantic
+gives."""
+_PATTERNS = {
+    SHA256: "it should be a SHA-256 hash, 64 of 0 to 9 and a to f",
+    DIGITS: "it should be digits, 1 to 4000",
+}
+"""Patterns of text in words."""
 _HINTS = {"null": "give it: the value without effect, null for infinity"}
 """What to do about missing keys."""
 Model = TypeVar("Model", bound=BaseModel)
@@ -81,7 +100,9 @@ def parsed(model: type[Model], content: object, label: str, where: str = "") -> 
     if kind == "missing":
         hint = _HINTS.get(str(fault["loc"][-1]), "give it")
         raise BlindError(f"{label}: {key} is missing; {hint}")
-    wanted = _WANTED.get(kind) or fault["msg"].replace("Input", "it")
+    context: Mapping[str, Any] = fault.get("ctx", {})
+    template = _PATTERNS.get(context.get("pattern", "")) or _WANTED.get(kind)
+    wanted = fault["msg"] if template is None else template.format(**context)
     if kind == "value_error":
         wanted = str(fault["ctx"]["error"])
         if isinstance(fault["input"], Mapping):
