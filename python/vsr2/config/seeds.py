@@ -22,8 +22,9 @@ def checked_seed(given: object, error: type[Vsr2Error], what: str = "seed") -> i
     """
     if isinstance(given, bool) or not isinstance(given, Integral):
         raise error(f"{what} is {shown(given)}; give a whole number")
-    if given < 0:
+    seed = int(given)
+    if seed < 0:
         raise error(f"{what} is {shown(given)}; give 0 or more")
-    if given > MAX_SEED:
+    if seed > MAX_SEED:
         raise error(f"{what} is {shown(given)}; give at most {MAX_SEED}")
-    return int(given)
+    return seed
