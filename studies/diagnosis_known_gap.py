@@ -106,7 +106,7 @@ def judged(wanted: set[str], found: Found, posterior: Posterior) -> dict[str, An
     verdict = verdict_of(found, posterior)
     acts = posterior.sets.marginal(found.probability)
     best = posterior.sets.names[int(acts.argmax())]
-    values = posterior.parameters.sample(best, found.residuals)[:, 0]
+    values = posterior.parameters.sample(best, found.residuals, np.random.default_rng(0))[:, 0]
     low, middle, high = np.quantile(values, [0.05, 0.5, 0.95])
     right = wanted & set(verdict.named) if wanted else verdict.kind == VerdictKind.NONE
     return {

@@ -132,7 +132,7 @@ def magnitude(found: Found, posterior: Posterior, one: Acting) -> Row:
     free = free_parameters(effect)
     k = next(i for i, p in enumerate(free) if not p.secondary)
     truth = one.values[[p.name for p in effect.parameters].index(free[k].name)]
-    samples = posterior.parameters.sample(one.name, found.residuals)[:, k]
+    samples = posterior.parameters.sample(one.name, found.residuals, np.random.default_rng(0))[:, k]
     null = free[k].null
     if np.isinf(null):
         samples, truth, null = 1 / samples, 1 / truth, 0.0

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import copy
 from dataclasses import replace
 
 import numpy as np
@@ -202,12 +203,15 @@ def test_a_group_s_own_trials_have_no_part_in_the_parameters_it_is_judged_with(
     calls, requests = [], []
     draw = module._drawn_effects
 
-    def noting(posterior, residuals, known, names, seed):
-        effects = draw(posterior, residuals, known, names, seed)
+    def noting(posterior, residuals, known, names, rng):
+        def drawn(given):
+            return draw(posterior, given, known, names, copy.deepcopy(rng))
+
+        effects = drawn(residuals)
         blank = np.where(np.tile(known, residuals.size // known.size), residuals, 9.9)
-        assert draw(posterior, blank, known, names, seed) == effects
+        assert drawn(blank) == effects
         other = np.where(np.tile(known, residuals.size // known.size), -residuals, residuals)
-        assert draw(posterior, other, known, names, seed) != effects
+        assert drawn(other) != effects
         calls.append((known, effects))
         return effects
 

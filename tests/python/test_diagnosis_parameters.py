@@ -19,6 +19,10 @@ CATCH = PLANAR_LIBRARY["catch"]
 """Its null is infinite."""
 
 
+def draws(seed: int = 0) -> np.random.Generator:
+    return np.random.default_rng(seed)
+
+
 def fitted(effect, values, residuals):
     sets = tuple((Acting(effect.name, 1, 1.0, tuple(row)),) for row in values)
     # Campaigns without effect have no part in it.
@@ -42,7 +46,7 @@ def test_intervals_hold_what_they_state(noise, most) -> None:
     parameters = fitted(GAIN, values[:, None], seen(values))
     covered, width = [], []
     for one, residuals in zip(truth, seen(truth), strict=True):
-        samples = parameters.sample("table_gain", residuals)[:, 0]
+        samples = parameters.sample("table_gain", residuals, draws())[:, 0]
         assert samples.shape == (400,)
         ends = np.quantile(samples, [0.05, 0.95])
         covered.append(ends[0] <= one <= ends[1])
@@ -68,7 +72,7 @@ def test_intervals_of_few_campaigns_are_as_wide_as_these_are_few(count) -> None:
     for _ in range(150):
         values, truth = rng.uniform(low, high, count), rng.uniform(low, high, 1)
         own = fitted(GAIN, values[:, None], seen(values))
-        samples = own.sample("table_gain", seen(truth)[0])[:, 0]
+        samples = own.sample("table_gain", seen(truth)[0], draws())[:, 0]
         ends = np.quantile(samples, [0.05, 0.95])
         covered.append(bool(ends[0] <= truth[0] <= ends[1]))
     # Binomial, with a standard error of 0.03; the extremes of six hold 0.71.
@@ -84,7 +88,7 @@ def test_sizes_beyond_the_simulated_ones_are_reached() -> None:
         GAIN, values[:, None], 40 * values[:, None] * way + rng.standard_normal((300, 40))
     )
     for value, wanted in ((0.09, 0.09), (0.5, GAIN.parameters[0].upper)):
-        samples = parameters.sample("table_gain", 40 * value * way)[:, 0]
+        samples = parameters.sample("table_gain", 40 * value * way, draws())[:, 0]
         assert np.median(samples) == pytest.approx(wanted, rel=0.1)
         assert samples.max() <= GAIN.parameters[0].upper
 
@@ -97,15 +101,17 @@ def test_residuals_that_are_not_known_have_no_part() -> None:
     known = np.arange(12) < 8
     own = 20 * 0.1 + rng.standard_normal(12)
     other = np.where(known, own, 1e3)
-    plain = parameters.sample("table_gain", own, 3, columns=known)
-    np.testing.assert_array_equal(plain, parameters.sample("table_gain", other, 3, columns=known))
+    plain = parameters.sample("table_gain", own, draws(3), columns=known)
+    np.testing.assert_array_equal(
+        plain, parameters.sample("table_gain", other, draws(3), columns=known)
+    )
     less = Parameters(
         parameters.library, parameters.residuals[:, known], parameters.rows, parameters.values
     )
     # Sums over other strides differ in their last bits.
-    np.testing.assert_allclose(plain, less.sample("table_gain", own[known], 3), rtol=1e-9)
-    assert (plain != parameters.sample("table_gain", own, 3)).any()
-    assert (plain != parameters.sample("table_gain", own, 4, columns=known)).any()
+    np.testing.assert_allclose(plain, less.sample("table_gain", own[known], draws(3)), rtol=1e-9)
+    assert (plain != parameters.sample("table_gain", own, draws(3))).any()
+    assert (plain != parameters.sample("table_gain", own, draws(4), columns=known)).any()
 
 
 def test_expected_residuals_are_those_of_campaigns_alike() -> None:
@@ -140,7 +146,7 @@ def test_angles_are_regressed_on_a_circle() -> None:
     values[:, names.index("distance")] = 0.01
     parameters = fitted(OFFSET, values, residuals)
     # Due east: samples lie on both sides of 0, none opposite.
-    found = parameters.sample("com_offset", ways[0])[:, names.index("azimuth")]
+    found = parameters.sample("com_offset", ways[0], draws())[:, names.index("azimuth")]
     apart = np.abs((found + 180) % 360 - 180)
     assert apart.max() < 60
     assert (found < 90).any()
@@ -161,7 +167,7 @@ def test_an_angle_about_zero_keeps_its_sign() -> None:
     parameters = fitted(effect, values, residuals)
     for true in (-140.0, -10.0, 25.0, 170.0):
         seen = np.array([math.cos(math.radians(true)), math.sin(math.radians(true))]) @ ways
-        found = parameters.sample("registration", seen)[:, names.index("yaw")]
+        found = parameters.sample("registration", seen, draws())[:, names.index("yaw")]
         assert np.abs(found).max() <= 180
         apart = (found - true + 180) % 360 - 180
         assert abs(np.median(apart)) < 5, true
@@ -173,7 +179,7 @@ def test_what_has_an_infinite_null_is_regressed_by_its_inverse() -> None:
     way = rng.standard_normal(20)
     residuals = 1 / slack[:, None] * way + 0.5 * rng.standard_normal((300, 20))
     parameters = fitted(CATCH, slack[:, None], residuals)
-    strong = parameters.sample("catch", 1 / 0.14 * way)[:, 0]
+    strong = parameters.sample("catch", 1 / 0.14 * way, draws())[:, 0]
     assert np.median(strong) == pytest.approx(0.14, rel=0.15)
     # As good as none: 1 / slack scatters by 0.5 / |way| about 0, a ninth; the prior begins at 2.3.
-    assert (parameters.sample("catch", 0.0 * way)[:, 0] > 1.0).mean() > 0.95
+    assert (parameters.sample("catch", 0.0 * way, draws())[:, 0] > 1.0).mean() > 0.95

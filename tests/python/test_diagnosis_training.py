@@ -356,7 +356,8 @@ def same(one, other, found) -> bool:
             *(w for network in posterior.networks for w in (*network.weights, *network.biases)),
             posterior.centre, posterior.scale, posterior.gap_free,
             posterior.summaries.coefficients, posterior.summaries.reproduction,
-            mine.probability, posterior.parameters.sample("wear", mine.residuals),
+            mine.probability,
+            posterior.parameters.sample("wear", mine.residuals, np.random.default_rng(0)),
         ]  # fmt: skip
 
     levels = asdict(one.levels) == asdict(other.levels)

@@ -11,10 +11,11 @@ import pytest
 from planted import shaken_campaign
 from vsr2.codes import Statement
 from vsr2.diagnosis.observed.observations import observe_campaign
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.naming import NamingLimits, candidates, decide
 from vsr2.diagnosis.posterior.sets import Sets, declared_alike
 from vsr2.diagnosis.simulated.library import free_parameters
-from vsr2.diagnosis.verdict.compose import _estimate, shown, unrolled
+from vsr2.diagnosis.verdict.compose import _estimate, _samples, shown, unrolled
 from vsr2.diagnosis.verdict.limits import (
     LIMITS,
     beyond_tolerance,
@@ -336,6 +337,16 @@ def test_no_axis_and_no_channel_is_left_out_of_the_locations_shown() -> None:
 
 def replace_feature(name, channel):
     return OUTCOME._replace(name=name, channel=channel)
+
+
+def test_estimates_and_samples_are_of_the_diagnosis_own_seed() -> None:
+    parameters = SimpleNamespace(sample=lambda name, residuals, rng: rng.random(3))
+    evidence = SimpleNamespace(
+        posterior=SimpleNamespace(parameters=parameters), found=SimpleNamespace(residuals=None)
+    )
+    first, again, other = (_samples(evidence, "wear", seed).tolist() for seed in (1, 1, 2))
+    assert first == again == generator(1, Stream.PARAMETERS).random(3).tolist()
+    assert first != other
 
 
 # --- what to measure next ------------------------------------------------------------------------

@@ -62,7 +62,9 @@ def test_a_posterior_that_was_read_answers(seeds, tmp_path) -> None:
     found = posterior.infer(np.array([0.0, 1.0]), np.zeros((2, 1)))
     assert found.probability.sum() == pytest.approx(1.0)
     for name in fuzz.NAMES:
-        assert np.isfinite(posterior.parameters.sample(name, found.residuals)).all()
+        assert np.isfinite(
+            posterior.parameters.sample(name, found.residuals, np.random.default_rng(0))
+        ).all()
 
 
 def altered_posterior(sound: bytes, changes: dict, about: dict | None = None) -> bytes:

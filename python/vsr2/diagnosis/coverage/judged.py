@@ -134,7 +134,7 @@ def _ranks(posterior: Posterior, one: Planted, found: Found, seed: int) -> Itera
         if acting.name not in posterior.parameters.known:
             continue
         effect = posterior.parameters.library[acting.name]
-        samples = posterior.parameters.sample(acting.name, found.residuals, one.row)
+        samples = posterior.parameters.sample(acting.name, found.residuals, rng)
         names = [parameter.name for parameter in effect.parameters]
         for parameter, column in zip(free_parameters(effect), samples.T, strict=True):
             truth = acting.values[names.index(parameter.name)]

@@ -37,7 +37,7 @@ from vsr2.diagnosis.how_far.negative_controls import (
     wrong_partners,
 )
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.observed.random_streams import NoiseStream
+from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
 from vsr2.diagnosis.posterior.training import Posterior
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.library import free_parameters
@@ -58,7 +58,6 @@ class HeldOutConstants:
         nuisances: draw of the nuisances of the first simulation with what is named.
         replicate: of starts and noise there.
         resamples: of motions, from which intervals are taken.
-        seed_stride: between the draws of two diagnoses whose seeds are neighbours, above `groups`.
     """
 
     members: int = 24
@@ -66,7 +65,6 @@ class HeldOutConstants:
     nuisances: int = 500
     replicate: int = 2
     resamples: int = INTERVALS.replicates
-    seed_stride: int = 100
 
 
 HELD_OUT = HeldOutConstants()
@@ -183,9 +181,8 @@ def judge(
     group = motion_groups(motion, outcome)
     drawn: list[list[Effects]] = [[] for _ in trials]
     for k in np.unique(group):
-        effects = _drawn_effects(
-            posterior, residuals, group != k, names, seed * HELD_OUT.seed_stride + int(k)
-        )
+        rng = generator(seed, Stream.HELD_OUT_PARAMETERS, int(k))
+        effects = _drawn_effects(posterior, residuals, group != k, names, rng)
         for i in np.flatnonzero(group == k):
             drawn[i] = effects
     later = range(HELD_OUT.nuisances, HELD_OUT.nuisances + members)
@@ -239,13 +236,17 @@ def motion_groups(motion: NDArray[np.int64], outcome: Array) -> NDArray[np.int64
 
 
 def _drawn_effects(
-    posterior: Posterior, residuals: Array, known: Bools, names: Sequence[str], seed: int
+    posterior: Posterior,
+    residuals: Array,
+    known: Bools,
+    names: Sequence[str],
+    rng: np.random.Generator,
 ) -> list[Effects]:
     """Effects with parameters drawn from what some trials say of them."""
     library = posterior.parameters.library
     columns = np.tile(known, residuals.size // known.size)
     sampled = {
-        name: posterior.parameters.sample(name, residuals, seed, columns=columns) for name in names
+        name: posterior.parameters.sample(name, residuals, rng, columns=columns) for name in names
     }
     out: list[Effects] = []
     for m in range(HELD_OUT.members):

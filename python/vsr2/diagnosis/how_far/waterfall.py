@@ -254,7 +254,7 @@ def _drawn_sets(
     library = part.parameters.library
     held = part.sets.members[chosen]
     acting = [n for k, n in enumerate(part.sets.names) if held[:, k].any()]
-    samples = {n: part.parameters.sample(n, found.residuals, seed) for n in acting}
+    samples = {n: part.parameters.sample(n, found.residuals, rng) for n in acting}
     out: list[Effects] = []
     for m, row in enumerate(held):
         effects = []

@@ -32,7 +32,9 @@ class Stream(IntEnum):
     LACKING = 33
     """Effects that the library is taken to lack."""
     PARAMETERS = 41
-    """Samples of parameters."""
+    """Samples of parameters of which estimates are made."""
+    HELD_OUT_PARAMETERS = 42
+    """Samples of parameters by the trials of other motions, a part for each group of motions."""
     DEALT = 51
     """Changes of probabilities dealt over trials of like intensity."""
     WATERFALL = 61

@@ -18,7 +18,6 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.simulated.campaigns import Campaigns
 from vsr2.diagnosis.simulated.library import Library, free_parameters, is_angle, turn_of
 from vsr2.effects import Parameter
@@ -77,7 +76,7 @@ class Parameters:
         self,
         name: str,
         residuals: Array,
-        seed: int = 0,
+        rng: np.random.Generator,
         *,
         columns: NDArray[np.bool_] | None = None,
     ) -> Array:
@@ -86,11 +85,10 @@ class Parameters:
         Args:
             name: of the effect, one of `known`.
             residuals: of the campaign, shape (columns,).
-            seed: of the draws.
+            rng: of the draws.
             columns: of the residuals that are known; None: all.
         """
         near, weight, shift = self._nearest(name, residuals, columns)
-        rng = generator(seed, Stream.PARAMETERS)
         chosen = rng.choice(near.size, PARAMETERS.samples, p=weight)
         points = self._targets(name)[near] + shift
         mean, count = weight @ points, 1 / float((weight**2).sum())

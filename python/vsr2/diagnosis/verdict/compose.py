@@ -14,6 +14,7 @@ from vsr2.analysis.intervals import INTERVALS
 from vsr2.diagnosis.how_far.held_out import CONTROLS, HowFar, Loss, rows
 from vsr2.diagnosis.how_far.waterfall import Waterfall
 from vsr2.diagnosis.observed.observations import Observations
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.calibration import label_set
 from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters, is_angle
@@ -65,7 +66,8 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
     """The diagnosis as data."""
     verdict, found, posterior = evidence.verdict, evidence.found, evidence.posterior
     how_far, sets = evidence.how_far, posterior.sets
-    effects = _effects(evidence, set(provenance.get("excluded", ())))
+    seed = provenance["seed"]
+    effects = _effects(evidence, set(provenance.get("excluded", ())), seed)
     limits = limits_of_the_verdict(verdict, how_far, found, posterior, effects, provenance)
     limits += limits_of_the_data(
         seen, evidence.trials, posterior, evidence.insensitive, evidence.layers, provenance
@@ -118,7 +120,7 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
         "provenance": {"versions": _versions(), **provenance},
     }
     samples = {
-        name: posterior.parameters.sample(name, found.residuals)
+        name: _samples(evidence, name, seed)
         for name in verdict.named
         if name in posterior.parameters.known
     }
@@ -142,7 +144,7 @@ def _gap(evidence: Evidence) -> dict[str, Any]:
     }
 
 
-def _effects(evidence: Evidence, excluded: set[str]) -> list[dict[str, Any]]:
+def _effects(evidence: Evidence, excluded: set[str], seed: int) -> list[dict[str, Any]]:
     """One row an effect, the most probable first."""
     found, posterior = evidence.found, evidence.posterior
     leads = posterior.sets.leading(found.probability[None])[0]
@@ -152,7 +154,7 @@ def _effects(evidence: Evidence, excluded: set[str]) -> list[dict[str, Any]]:
             "name": name,
             "probability": float(leads[k]),
             "acts": float(acts[k]),
-            "parameters": _parameters(evidence, name),
+            "parameters": _parameters(evidence, name, seed),
         }
         for k, name in enumerate(posterior.sets.names)
         if name not in excluded
@@ -160,18 +162,24 @@ def _effects(evidence: Evidence, excluded: set[str]) -> list[dict[str, Any]]:
     return sorted(out, key=lambda row: -row["probability"])
 
 
-def _parameters(evidence: Evidence, name: str) -> dict[str, Any]:
+def _parameters(evidence: Evidence, name: str, seed: int) -> dict[str, Any]:
     """Mean, mode and central intervals of the posterior given that the effect acts."""
     parameters = evidence.posterior.parameters
     if name not in parameters.known:
         return {}
-    samples = parameters.sample(name, evidence.found.residuals)
+    samples = _samples(evidence, name, seed)
     return {
         parameter.name: _estimate(parameter, values)
         for parameter, values in zip(
             free_parameters(parameters.library[name]), samples.T, strict=True
         )
     }
+
+
+def _samples(evidence: Evidence, name: str, seed: int) -> Array:
+    """Of an effect's free parameters, the same whenever they are asked for."""
+    rng = generator(seed, Stream.PARAMETERS)
+    return evidence.posterior.parameters.sample(name, evidence.found.residuals, rng)
 
 
 def _estimate(parameter: Parameter, values: Array) -> dict[str, Any]:
