@@ -13,7 +13,8 @@ PACKAGE = Path(__file__).resolve().parents[2] / "python" / "vsr2"
 VALUED, PLAIN = 3, 5
 """Words that make a sentence of a text with values in it, and of one without."""
 FAULT = re.compile(
-    r"(Error|Exception|warn|debug|info|warning|exception|problems?\.add|found\.add|refuse|Problem)$"
+    r"(Error|Exception|warn|debug|info|warning|exception|problems?\.add|found\.add|refuse|Problem"
+    r"|real_argument|checked_seed)$"
 )
 """Calls whose text ends in an error, a warning or the log."""
 NO_RESULTS = ("report", "config")
