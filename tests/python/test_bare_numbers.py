@@ -255,8 +255,7 @@ def test_a_stream_of_random_numbers_has_one_purpose(room, source, streams) -> No
             continue
         text = path.read_text()
         assert not re.search(r"(default_rng|SeedSequence)\(\[\w+, \d|\bseed \+ \d", text), path
-        # Networks keep the seeds with which the committed diagnoses were trained.
-        assert path.name == "training.py" or not re.search(r"\bseed \* ", text), path
+        assert not re.search(r"\bseed \* ", text), path
         for name in re.findall(rf"\b{streams.__name__}\.(\w+)", text):
             users[name].add(path.name)
     assert {name: len(files) for name, files in users.items()} == dict.fromkeys(users, 1)

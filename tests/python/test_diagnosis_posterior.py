@@ -107,7 +107,7 @@ def gaussian_training(passes, seed):
     with pytest.MonkeyPatch.context() as patch:
         few = replace(NETWORK, hidden=(24, 16), passes=passes, dropout=0.0, least_passes=4)
         patch.setattr("vsr2.diagnosis.posterior.network.NETWORK", few)
-        return train_network(TWO, gaussian_batches, held_out, seed)
+        return train_network(TWO, gaussian_batches, held_out, np.random.default_rng(seed))
 
 
 def test_a_posterior_that_is_known_is_learnt(learnt) -> None:

@@ -19,7 +19,6 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.sets import Sets
 
 Array = NDArray[np.float64]
@@ -225,7 +224,7 @@ def train_network(
     sets: Sets,
     batches: Batches,
     held_out: tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array],
-    seed: int,
+    rng: np.random.Generator,
 ) -> Network:
     """Train by Adam, and keep the weights that are best on held-out campaigns.
 
@@ -235,9 +234,8 @@ def train_network(
         sets: the hypotheses.
         batches: makes one pass of training campaigns.
         held_out: campaigns by which training is stopped.
-        seed: of weights, order and dropout.
+        rng: of weights, order and dropout.
     """
-    rng = generator(seed, Stream.WEIGHTS)
     first = batches(rng)
     network = Network.drawn(sets, first[0].shape[1], rng)
     parameters = [*network.weights, *network.biases]

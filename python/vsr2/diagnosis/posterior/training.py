@@ -44,14 +44,12 @@ class TrainingConstants:
         copies: disturbed copies of each campaign.
         passed: copies of each campaign in one pass of training.
         seeds: networks that are trained for each fold.
-        seed_stride: between the seeds of the networks of two diagnoses whose seeds are neighbours.
         added_scale: to the standard deviation by which each summary is divided, which may be 0.
     """
 
     copies: int = 4
     passed: int = 2
     seeds: int = 2
-    seed_stride: int = 101
     added_scale: float = 1e-6
 
 
@@ -265,10 +263,8 @@ def _networks(
         inputs = network_inputs(scaled, found[1][held], everything[held])
         judged = (inputs, everything[held], truth.index[held], truth.weight[held])
         for i in range(TRAINING.seeds):
-            number = len(networks)
-            network = train_network(
-                truth.sets, batches, judged, seed * TRAINING.seed_stride + number
-            )
+            rng = generator(seed, Stream.WEIGHTS, len(networks))
+            network = train_network(truth.sets, batches, judged, rng)
             networks.append(network)
             for target, allowed in zip(out, (everything[held], lacking[held]), strict=True):
                 own = network_inputs(scaled, found[-1][held], allowed)
