@@ -144,7 +144,7 @@ def test_scatter_is_no_cause(found) -> None:
     assert "causes beyond the logistic curve" in text
 
 
-def test_what_is_likely_in_each_fold_is_judged_and_told(found) -> None:
+def test_what_is_likely_in_each_fold_is_judged(found) -> None:
     result, folder = found
     likely = result.content["held_out"]["likely"]
     assert likely["of"] == 4
