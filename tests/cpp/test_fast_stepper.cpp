@@ -144,8 +144,7 @@ double apart(const FastStepper& a, const FastStepper& b) {
 struct Table {
   double inertia;  // 0: it does not pitch [kg m^2]
   double speed = 0.0, rate = 0.0, pitch = 0.0;
-  Support support;
-  support.p_WP = {0, 0, 2.25};
+  Support support{{.p_WP = {0, 0, 2.25}}};
   SupportMotor motor{};
   test::Pulse pulse{0.15, 1.5};
 
