@@ -11,7 +11,7 @@ from pathlib import Path
 import pytest
 
 from vsr2.blind.custodian.pack_streams import PackStream
-from vsr2.diagnosis.observed.random_streams import MarginStream, NoiseStream, Stream
+from vsr2.diagnosis.observed.random_streams import MarginStream, Stream
 
 PACKAGE = Path(__file__).resolve().parents[2] / "python" / "vsr2"
 DISPLAY = ("report", "view")
@@ -32,7 +32,7 @@ UNTUNED: dict[str, set[str]] = {
     },
     "numbers that stand for names": {
         "blind/custodian/bullet_engine.py:_SCENE_EFFECTS",
-        "blind/custodian/detection_limit.py:_TRIALS", "cli/entry.py:INTERRUPTED, TERMINATED",
+        "cli/entry.py:INTERRUPTED, TERMINATED",
         "diagnosis/coverage/planted_campaigns.py:FIRST",
         "diagnosis/simulated/campaigns.py:FIRST_NUISANCE",
         "diagnosis/simulated/simulator.py:HALF_STEP, FINE_SOLVER",
@@ -83,7 +83,8 @@ INSIDE: dict[str, set[str]] = {
         "scene/mesh_files.py: 80", "scene/mesh_files.py: 84",
     },
     "most that an integer holds": {
-        "blind/custodian/pack_making.py: 31", "blind/custodian/pack_making.py: 63",
+        "blind/custodian/detection_limit.py: 31", "blind/custodian/pack_making.py: 31",
+        "blind/custodian/pack_making.py: 63",
         "calibration/search.py: 31", "diagnosis/simulated/nuisance_draws.py: 63",
         "diagnosis/simulated/nuisances.py: 31", "results/journal.py: 63", "results/store.py: 63",
     },
@@ -242,7 +243,6 @@ def test_level_and_replicates_of_intervals_stand_once() -> None:
     ("room", "source", "streams"),
     [
         ("diagnosis", "observed/random_streams.py", Stream),
-        ("diagnosis", "observed/random_streams.py", NoiseStream),
         ("diagnosis", "observed/random_streams.py", MarginStream),
         ("blind/custodian", "pack_streams.py", PackStream),
     ],
@@ -254,11 +254,24 @@ def test_a_stream_of_random_numbers_has_one_purpose(room, source, streams) -> No
         if path == PACKAGE / room / source:
             continue
         text = path.read_text()
-        assert not re.search(r"(default_rng|SeedSequence)\(\[\w+, \d|\bseed \+ \d", text), path
-        assert not re.search(r"\bseed \* ", text), path
+        assert not re.search(r"(default_rng|SeedSequence)\(\[\w+, \d", text), path
         for name in re.findall(rf"\b{streams.__name__}\.(\w+)", text):
             users[name].add(path.name)
     assert {name: len(files) for name, files in users.items()} == dict.fromkeys(users, 1)
+
+
+@pytest.mark.parametrize("room", ["diagnosis", "blind"])
+def test_a_seed_is_not_reckoned_with(room: str) -> None:
+    """Nor drawn from alone, but where nuisances are: the next seed would draw the same again."""
+    reckoned = re.compile(r"\b\w*seed\b *[-+*^] *[\w(]|[\w)] *[-+^] *(self\.)?_?seed\b")
+    alone = re.compile(r"(default_rng|SeedSequence)\((self\.)?_?seed\)")
+    found: dict[str, list[str]] = {}
+    for path in sorted((PACKAGE / room).rglob("*.py")):
+        for line in path.read_text().splitlines():
+            if reckoned.search(line) or alone.search(line):
+                found.setdefault(path.name, []).append(line.strip())
+    own = "shift = np.random.default_rng(seed).random(count)"
+    assert found == ({"simulator.py": [own]} if room == "diagnosis" else {})
 
 
 def test_streams_of_one_seed_have_numbers_of_their_own() -> None:

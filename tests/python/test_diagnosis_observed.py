@@ -137,10 +137,14 @@ def test_a_campaign_with_series_shows_its_contradictions() -> None:
     # Simulated responses are noted alike: fallen or not by the simulation's own outcome.
     series = np.tile(tilt_features(time, rocked), (2, 40, 1))
     down = np.stack([np.zeros(40), np.ones(40)])
-    noted = seen.noted(down, np.full((2, 40), 0.3), series, seed=0)
+    noted = seen.noted(down, np.full((2, 40), 0.3), series, np.random.default_rng(0))
     np.testing.assert_array_equal(noted[..., names.index("contradiction")], down)
     blank = dataclasses.replace(seen, tier="M", measured=seen.measured[:1])
-    assert blank.noted(down, np.full((2, 40), 0.3), series, seed=0).shape == (2, 40, 1)
+    assert blank.noted(down, np.full((2, 40), 0.3), series, np.random.default_rng(0)).shape == (
+        2,
+        40,
+        1,
+    )
 
 
 def test_turn_and_travel_are_those_between_the_rests() -> None:
@@ -310,7 +314,7 @@ def test_responses_are_noted_as_the_campaign_noted_its_own() -> None:
     own = np.log(0.01 * np.arange(1, 41) + 0.02)
     np.testing.assert_allclose(seen.features[:, 0], np.where(fallen, np.nan, own))
     down = np.tile(fallen, (1000, 1)).astype(float)
-    noted = seen.noted(down, np.full(down.shape, 0.3), None, seed=1)[..., 0]
+    noted = seen.noted(down, np.full(down.shape, 0.3), None, np.random.default_rng(1))[..., 0]
     np.testing.assert_array_equal(np.isnan(noted), down > 0.5)
     tilt = np.exp(noted[down < 0.5]) - 0.02
     assert tilt.mean() == pytest.approx(0.3, abs=5 * 0.02 / np.sqrt(tilt.size))
@@ -328,7 +332,7 @@ def test_only_turns_and_travels_that_can_be_seen_scatter_between_engines() -> No
     series = np.zeros((500, 40, len(TILT_FEATURES) + 2))
     series[..., -2:] = 0.001, 0.5
     standing = np.zeros((500, 40))
-    noted = seen.noted(standing, standing + 0.1, series, seed=2)
+    noted = seen.noted(standing, standing + 0.1, series, np.random.default_rng(2))
     np.testing.assert_allclose(noted[..., -2], np.log(OBSERVED.rest_resolution[0]))
     assert noted[..., -1].mean() == pytest.approx(np.log(0.5), abs=0.01)
     assert noted[..., -1].std() == pytest.approx(OBSERVED.rest_scatter, rel=0.03)

@@ -221,7 +221,9 @@ class Linear:
         look, kept = self.rehearsal.look, self.rehearsal.trials
         with SimulationCache(linear(seed=1000)) as cache:
             self.planted = simulate_campaigns(cache, look, kept, range(50_000, 50_400), seed=8)
-        self.noted = self.seen.noted(self.planted.overturned, self.planted.peak_tilt, None, 3)
+        self.noted = self.seen.noted(
+            self.planted.overturned, self.planted.peak_tilt, None, np.random.default_rng(3)
+        )
 
     def found(self, excluded=(), where=lambda acting: True, posterior=None):
         own = self.posterior if posterior is None else posterior
@@ -289,7 +291,7 @@ def test_gap_free_campaigns_are_said_to_be_so(trained) -> None:
             cache, replace(look, limits=nothing), kept, range(70_000, 70_250), seed=9
         )
     assert more.gap_free.all(), "no effect can be seen"
-    noted = trained.seen.noted(more.overturned, more.peak_tilt, None, 4)
+    noted = trained.seen.noted(more.overturned, more.peak_tilt, None, np.random.default_rng(4))
     said = [f.naming.kind for f, _ in found]
     said += [trained.posterior.infer(o, n).naming.kind for o, n in zip(more.overturned, noted,
              strict=True)]  # fmt: skip

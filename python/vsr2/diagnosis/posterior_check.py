@@ -9,9 +9,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
-import numpy as np
-from numpy.typing import NDArray
-
 from vsr2.analysis.intervals import Score
 from vsr2.analysis.ranks import RANKS
 from vsr2.argument_names import checked_names
@@ -28,11 +25,12 @@ from vsr2.diagnosis.coverage.coverage_scores import (
 from vsr2.diagnosis.coverage.judged import Judged, judge_planted
 from vsr2.diagnosis.coverage.planted_campaigns import Planted, draw_planted
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
-from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.pipeline import Progress, Report, Stage
 from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.posterior.discrepancy import Disturbance
 from vsr2.diagnosis.posterior.files import load_posterior
+from vsr2.diagnosis.posterior.training import training_features
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.campaigns import (
@@ -258,7 +256,10 @@ def check_with(
         )  # fmt: skip
         campaigns = _simulated(store, found, chosen, (most, seed), report)
         simulated = store.simulated
-    features = _noted(seen, found, campaigns, seed + NoiseStream.PLANTED)
+    features = seen.noted(
+        campaigns.overturned, campaigns.peak_tilt, campaigns.features,
+        generator(seed, Stream.PLANTED_NOISE),
+    )  # fmt: skip
     outcomes, noted = disturbed(
         campaigns.overturned, features, generator(seed, Stream.PLANTED_COPIES)
     )
@@ -331,12 +332,8 @@ def _disturbance(
         campaigns = campaigns.joined(
             simulate_campaigns(store, found, trials, rows, most=most, seed=seed)
         )
-    noted = _noted(seen, found, campaigns, seed)
+    noted = training_features(seen, campaigns, seed)
     return Disturbance.of(campaigns.overturned, noted, seen.motion[trials])
-
-
-def _noted(seen: Observations, found: Look, campaigns: Campaigns, seed: int) -> NDArray[np.float64]:
-    return seen.noted(campaigns.overturned, campaigns.peak_tilt, campaigns.features, seed)
 
 
 def _simulated(

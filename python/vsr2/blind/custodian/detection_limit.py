@@ -60,8 +60,6 @@ class SignalRules:
 
 
 RULES = SignalRules()
-_TRIALS = 1000
-"""Between the seeds of the trials of two replicates; a campaign here has fewer trials."""
 
 
 def observations(overturned: Sequence[bool], peak_tilt: Sequence[float]) -> Array:
@@ -168,15 +166,16 @@ class SignalMeter:
     def _run(self, replicate: int, effects: Mapping[str, Mapping[str, float]]) -> Array:
         rng = pack_generator(self._seed, PackStream.SIGNAL_REPLICATES, replicate)
         _, inputs = draw_inputs(rng, self._protocol, self._settings, self.trials)
-        seeds = [(self._seed + replicate, _TRIALS * replicate + i) for i in self.trials]
+        draws = pack_generator(self._seed, PackStream.SIGNAL_SEEDS, replicate)
+        common, *seeds = (int(one) for one in draws.integers(2**31, size=len(inputs) + 1))
         responses = self._engine.run(
             (
                 replace(
                     one,
                     effects=effects,
-                    context=replace(one.context, campaign_seed=campaign, trial_seed=trial),
+                    context=replace(one.context, campaign_seed=common, trial_seed=own),
                 )
-                for one, (campaign, trial) in zip(inputs, seeds, strict=True)
+                for one, own in zip(inputs, seeds, strict=True)
             ),
             1.0,
         )

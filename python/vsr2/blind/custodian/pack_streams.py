@@ -19,6 +19,8 @@ class PackStream(IntEnum):
     """Nuisances and starts of these trials, by replicate."""
     SIGNAL_VALUES = 204
     """Further parameters of an effect there."""
+    SIGNAL_SEEDS = 205
+    """What effects draw in these trials, by replicate."""
     PLAN = 301
     """Which effects act in which campaign."""
     CAMPAIGN = 401

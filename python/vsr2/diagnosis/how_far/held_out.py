@@ -37,7 +37,7 @@ from vsr2.diagnosis.how_far.negative_controls import (
     wrong_partners,
 )
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.training import Posterior
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.library import free_parameters
@@ -170,7 +170,8 @@ def judge(
     members, motion = HELD_OUT.members, seen.motion[trials]
     plain: list[Effects] = [()] * members
     draws = range(1, members + 1)
-    before = ensemble(cache, seen, trials, [plain] * trials.size, draws, 1, seed)
+    noise = generator(seed, Stream.BEFORE_NOISE)
+    before = ensemble(cache, seen, trials, [plain] * trials.size, draws, 1, noise)
     outcome, features = seen.overturned[trials], seen.features[trials]
     losses = {Loss.BEFORE: simulated_loss(before, before.probability, outcome, features)}
     losses[Loss.FLOOR] = floor_loss(before)
@@ -193,7 +194,7 @@ def judge(
         drawn,
         later,
         HELD_OUT.replicate,
-        seed + NoiseStream.HELD_OUT,
+        generator(seed, Stream.HELD_OUT_NOISE),
         progress=progress,
     )
     losses[Loss.AFTER] = simulated_loss(after, after.probability, outcome, features)
@@ -210,11 +211,11 @@ def ensemble(
     effects: Sequence[Sequence[Effects]],
     draws: range,
     replicate: int,
-    seed: int,
+    noise: np.random.Generator,
     *,
     progress: Progress | None = None,
 ) -> Ensemble:
-    """Each trial under its effects, one member a draw of the nuisances."""
+    """Each trial under its effects, one member a draw of the nuisances, measured with noise."""
     requests = [
         Request(int(trial), own[m], draw, replicate)
         for m, draw in enumerate(draws)
@@ -224,7 +225,7 @@ def ensemble(
     shape = (len(draws), trials.size)
     series = None if found.features is None else found.features.reshape(*shape, -1)
     overturned = found.overturned.reshape(shape)
-    noted = seen.noted(overturned, found.peak_tilt.reshape(shape), series, seed)
+    noted = seen.noted(overturned, found.peak_tilt.reshape(shape), series, noise)
     return Ensemble(overturned, noted)
 
 

@@ -32,7 +32,7 @@ from vsr2.diagnosis.how_far.held_out import (
     parameter_values,
 )
 from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.observed.random_streams import NoiseStream, Stream, generator
+from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.training import Found, Posterior, train
 from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
 from vsr2.diagnosis.simulated.campaigns import Campaigns
@@ -217,9 +217,8 @@ def waterfall(
             [tuple(one for one in own if kept is None or one[0] in kept) for own in drawn]
             for drawn in members
         ]
-        result = ensemble(
-            cache, seen, trials, chosen, draws, WATERFALL.replicate, seed + NoiseStream.WATERFALL
-        )
+        noise = generator(seed, Stream.WATERFALL_NOISE)
+        result = ensemble(cache, seen, trials, chosen, draws, WATERFALL.replicate, noise)
         return simulated_loss(result, result.probability, outcome, features), result.probability
 
     losses = []

@@ -99,7 +99,9 @@ class Observations:
     def __len__(self) -> int:
         return self.overturned.size
 
-    def noted(self, overturned: Array, peak: Array, series: Array | None, seed: int) -> Array:
+    def noted(
+        self, overturned: Array, peak: Array, series: Array | None, rng: np.random.Generator
+    ) -> Array:
         """Features of simulated responses as this campaign would have noted them.
 
         Args:
@@ -107,7 +109,7 @@ class Observations:
             peak: largest tilts [rad], shape (..., n).
             series: of simulated series, as `Responses.features`, shape (..., n, k), needed for
                 tier T.
-            seed: of the measurements' noise.
+            rng: of the measurements' noise.
 
         Returns:
             Shape (..., n, features).
@@ -115,7 +117,6 @@ class Observations:
         out = np.full((*overturned.shape, len(self.measured)), np.nan)
         if self.tier == "B":
             return out
-        rng = np.random.default_rng(seed)
         standing = overturned < 0.5
         noise = self.tilt_noise * rng.standard_normal(overturned.shape)
         seen = np.log(np.maximum(peak + noise, 0.0) + self.tilt_offset)

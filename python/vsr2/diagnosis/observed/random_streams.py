@@ -1,7 +1,8 @@
 """Streams of random numbers of a diagnosis: what is drawn for one purpose tells nothing of another.
 
 What is simulated, and so what a cache of simulations holds, follows from most of them: another
-number is another diagnosis.
+number is another diagnosis. Nuisances (`simulator.quasi_random`) are the seed's own stream: a cache
+of simulations knows them by their index alone, so that it holds what was drawn with the bare seed.
 """
 
 from __future__ import annotations
@@ -49,23 +50,18 @@ class Stream(IntEnum):
     """Draws of the effects that the scene itself has."""
     REFERENCE = 72
     """Noise of tilts beside a reference campaign."""
+    TRAINING_NOISE = 81
+    """Noise of simulated measurements on which is trained."""
+    BEFORE_NOISE = 82
+    """The same of the model as it is."""
+    HELD_OUT_NOISE = 83
+    """The same of trials that neither fit nor choice saw."""
+    WATERFALL_NOISE = 84
+    """The same with some of the causes; equal for each choice of them."""
+    PLANTED_NOISE = 85
+    """The same of planted campaigns."""
     CORRECTED = 91
     """Corrected scenes."""
-
-
-@unique
-class NoiseStream(IntEnum):
-    """Of simulated measurements: what is added to the seed, by what they are compared with.
-
-    Training adds 0. Neighbouring seeds have some of this noise in common.
-    """
-
-    HELD_OUT = 1
-    """Trials that neither fit nor choice saw."""
-    WATERFALL = 2
-    """The same, with some of the causes."""
-    PLANTED = 3
-    """Planted campaigns."""
 
 
 def generator(seed: int, stream: Stream, *index: int) -> np.random.Generator:

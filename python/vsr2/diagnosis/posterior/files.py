@@ -24,8 +24,8 @@ from vsr2.diagnosis.simulated.library import Library, free_parameters
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
-FORMAT = 8
-"""Of the file, and of what features are: a posterior of another form is trained again."""
+FORMAT = 9
+"""Of the file, and of features and their noise: a posterior of another form is trained again."""
 
 
 def save_posterior(posterior: Posterior, path: Path) -> None:

@@ -172,6 +172,18 @@ class _Scaled:
     scale: Array
 
 
+def training_features(seen: Observations, campaigns: Campaigns, seed: int) -> Array:
+    """Features on which is trained, with the noise of measurements.
+
+    Args:
+        seen: the observed campaign.
+        campaigns: simulated, of the same trials.
+        seed: of the training.
+    """
+    rng = generator(seed, Stream.TRAINING_NOISE)
+    return seen.noted(campaigns.overturned, campaigns.peak_tilt, campaigns.features, rng)
+
+
 @one_blas_thread()
 def train(
     seen: Observations,
@@ -193,8 +205,7 @@ def train(
         seed: of everything random.
     """
     sets = Sets(tuple(library), most)
-    overturned = campaigns.overturned
-    features = seen.noted(overturned, campaigns.peak_tilt, campaigns.features, seed)
+    overturned, features = campaigns.overturned, training_features(seen, campaigns, seed)
     plain = campaigns.gap_free
     disturbed = Disturbance.of(overturned[plain], features[plain], seen.motion[trials])
     rng = generator(seed, Stream.COPIES)
