@@ -26,8 +26,7 @@ def real_array(given: Any, *, truths: bool = False) -> np.ndarray[Any, np.dtype[
     Raises:
         TypeError: `given` holds any of these; its text goes on after the name of the array.
     """
-    if isinstance(given, np.ma.MaskedArray):
-        raise TypeError("is a masked array; fill what its mask hides")
+    refuse_mask(given)
     try:
         value = np.asarray(given)
         if (
@@ -57,6 +56,69 @@ def real_argument(
         return real_array(given, truths=truths)
     except TypeError as fault:
         raise error(f"{name} {fault}") from None
+
+
+def refuse_mask(given: Any) -> None:
+    """Refuse what numpy would drop a mask of: a masked array, or a list with one in it.
+
+    Raises:
+        TypeError: it is one; the text goes on after the name of what was given.
+    """
+    if isinstance(given, np.ma.MaskedArray):
+        raise TypeError("is a masked array; fill what its mask hides")
+    if isinstance(given, list | tuple):
+        for one in given:
+            if isinstance(one, np.ma.MaskedArray | list | tuple):
+                refuse_mask(one)
+
+
+def truth_argument(
+    given: Any, name: str, error: type[Exception]
+) -> np.ndarray[Any, np.dtype[np.bool_]]:
+    """An argument as truth values, shape (n,), itself where it is such an array.
+
+    Numbers are refused because NaN, the usual mark of a missing outcome, would count as true.
+
+    Raises:
+        Exception: as `error`; names the argument.
+    """
+    array = _unmasked(given, name, error)
+    if isinstance(given, list | tuple) and not array.size:
+        array = array.astype(np.bool_)  # An empty list is one of floats.
+    if array.dtype != np.bool_ or array.ndim != 1:
+        raise error(
+            f"{name}: must be boolean of shape (n,), is {array.dtype} of shape {array.shape}; "
+            "compare first, as in outcome == 'overturned'"
+        )
+    return array
+
+
+def label_argument(given: Any, name: str, error: type[Exception]) -> np.ndarray[Any, Any]:
+    """An argument as labels, shape (n,): text or numbers, equal where trials belong together.
+
+    Raises:
+        Exception: as `error`; names the argument.
+    """
+    array = _unmasked(given, name, error)
+    if array.dtype.kind == "O" and all(isinstance(one, str) for one in array.flat):
+        array = array.astype(np.str_)
+    if array.size and (array.dtype.kind not in "biufSUT" or _holds_nan(array)):
+        raise error(f"{name}: must be text or numbers, none missing (is of {array.dtype})")
+    if array.ndim != 1:
+        raise error(f"{name}: must be of shape (n,), is of shape {array.shape}")
+    return array
+
+
+def _holds_nan(array: np.ndarray[Any, Any]) -> bool:
+    return array.dtype.kind == "f" and bool(np.isnan(array).any())
+
+
+def _unmasked(given: Any, name: str, error: type[Exception]) -> np.ndarray[Any, Any]:
+    try:
+        refuse_mask(given)
+        return np.asarray(given)
+    except (TypeError, ValueError) as fault:  # also of lists of unequal length
+        raise error(f"{name}: {fault}") from None
 
 
 def read_only(array: np.ndarray[Any, Any]) -> np.ndarray[Any, Any]:

@@ -196,7 +196,7 @@ def test_what_cannot_be_fitted_is_refused():
         fit_fragility([0.0, 1.0], np.array([False, True]), [0, 1])
     with pytest.raises(ResultError, match="2 intensities, 1 outcomes"):
         fit_fragility([0.5, 1.0], np.array([False]), [0, 1])
-    with pytest.raises(ResultError, match="booleans"):
+    with pytest.raises(ResultError, match="must be boolean"):
         fit_fragility([0.5, 1.0], np.array([0, 1]), [0, 1])
     with pytest.raises(ResultError, match=r"wanted is \(n, 2\)"):
         fit_fragility([0.5, 1.0], np.array([False, True]), [0, 1], names=("a", "b"))

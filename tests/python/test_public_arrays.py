@@ -9,15 +9,23 @@ import numpy as np
 import pytest
 
 from vsr2.analysis.baseline import logistic_probability
-from vsr2.analysis.overturning_margin import MarginModel, fit_margin_model
+from vsr2.analysis.bootstrap import classification_intervals
+from vsr2.analysis.intervals import calibration_noise, resampled
+from vsr2.analysis.metrics import classification_metrics
+from vsr2.analysis.overturning_margin import (
+    MarginModel,
+    fit_margin_model,
+    out_of_fold_probability,
+)
 from vsr2.analysis.probability import (
     overturning_probability,
     probability_error,
     probability_intervals,
+    reliability,
 )
 from vsr2.analysis.ranks import rank, uniformity
 from vsr2.campaign import Series
-from vsr2.campaign.folds import grouped_folds
+from vsr2.campaign.folds import grouped_folds, motion_resamples
 from vsr2.config.problems import shown
 from vsr2.errors import Vsr2Error
 from vsr2.fragility.fit import fit_fragility
@@ -48,11 +56,45 @@ TAKERS: dict[str, Callable[[Any], object]] = {
     "error": probability_error,
     "probability": lambda a: probability_intervals(FELL, a, np.arange(4).astype(str)),
     "pga": lambda a: logistic_probability(a, FOUR, FELL, FOUR, FOUR),
+    "resampled": lambda a: resampled(a, lambda rows: rows.mean(axis=1)),
+    "stated": calibration_noise,
     "rank": lambda a: rank(a, 0.2, np.random.default_rng(0)),
     "ranks": uniformity,
 }
+TRUTH_TAKERS: dict[str, Callable[[Any], object]] = {
+    "observed": lambda a: classification_metrics(a, FELL),
+    "predicted": lambda a: classification_metrics(FELL, a),
+    "intervals": lambda a: classification_intervals(a, FELL, list("aabb")),
+    "probability": lambda a: probability_intervals(a, FOUR, list("aabb")),
+    "reliability": lambda a: reliability(a, FOUR, list("aabb")),
+    "fragility": lambda a: fit_fragility(FOUR, a, list("aabb")),
+    "logistic": lambda a: logistic_probability(FOUR, FOUR, a, FOUR, FOUR),
+}
+SPOILT_TRUTH: dict[str, Any] = {
+    "masked": np.ma.array(FELL, mask=[0, 1, 0, 0]),
+    "masked in a list": [True, np.ma.masked, True, False],
+    "missing": [1.0, np.nan, 1.0, 0.0],
+    "text": ["overturned", "stable", "overturned", "stable"],
+}
+LABEL_TAKERS: dict[str, Callable[[Any], object]] = {
+    "intervals": lambda a: classification_intervals(FELL, FELL, a),
+    "probability": lambda a: probability_intervals(FELL, FOUR, a),
+    "fragility": lambda a: fit_fragility(FOUR, FELL, a),
+    "folds": lambda a: grouped_folds(a, FELL, 2),
+    "resamples": lambda a: motion_resamples(a, 10),
+    "margins": lambda a: fit_margin_model(FOUR[None].repeat(2, 0), FELL, a),
+    "out of fold": lambda a: out_of_fold_probability(FOUR[None], FELL, a, 2),
+}
+SPOILT_LABELS: dict[str, Any] = {
+    "masked": np.ma.array(list("abab"), mask=[0, 1, 0, 0]),
+    "masked in a list": ["a", np.ma.masked, "a", "b"],
+    "missing": np.array(["a", None, "b", "b"], dtype=object),
+    "nan": [1.0, np.nan, 2.0, 2.0],
+    "pairs": [["a", "b"], ["a", "b"]],
+}
 SPOILT: dict[str, Any] = {
     "masked": np.ma.array(FOUR, mask=[0, 1, 0, 0]),
+    "masked in a list": [0.1, np.ma.masked, 0.3, 0.4],
     "complex": FOUR + 1j,
     "text": ["0.1", "0.2", "0.3", "0.4"],
     "dates": np.array(["2020", "2021", "2022", "2023"], "datetime64[Y]"),
@@ -64,6 +106,29 @@ SPOILT: dict[str, Any] = {
 def test_an_array_of_anything_but_real_numbers_is_refused(taker: str, spoilt: str) -> None:
     with pytest.raises(Vsr2Error, match=r"masked array|not an array of numbers"):
         TAKERS[taker](SPOILT[spoilt])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("spoilt", SPOILT_TRUTH)
+@pytest.mark.parametrize("taker", TRUTH_TAKERS)
+def test_truths_are_neither_masked_nor_numbers_nor_text(taker: str, spoilt: str) -> None:
+    with pytest.raises(Vsr2Error, match=r"masked array|must be boolean"):
+        TRUTH_TAKERS[taker](SPOILT_TRUTH[spoilt])
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("spoilt", SPOILT_LABELS)
+@pytest.mark.parametrize("taker", LABEL_TAKERS)
+def test_labels_are_neither_masked_nor_missing(taker: str, spoilt: str) -> None:
+    with pytest.raises(Vsr2Error, match=r"masked array|must be (text|of shape)"):
+        LABEL_TAKERS[taker](SPOILT_LABELS[spoilt])
+
+
+@pytest.mark.parametrize("labels", [list("aabb"), [1, 1, 2, 2], np.array(list("aabb"), object)])
+def test_labels_may_be_text_or_numbers(labels: Any) -> None:
+    assert len(set(grouped_folds(labels, FELL, 2).tolist())) == 2
+    with pytest.raises(Vsr2Error, match="3 outcomes of 4 trials"):
+        grouped_folds(labels, FELL[:3], 2)
 
 
 @pytest.mark.parametrize("taker", [overturning_probability, probability_error])

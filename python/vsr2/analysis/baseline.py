@@ -15,7 +15,7 @@ from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.campaign import Campaign, intensity_measures, motion_folds
 from vsr2.errors import ResultError
 from vsr2.motion import STANDARD_GRAVITY
-from vsr2.read_only import real_argument
+from vsr2.read_only import real_argument, truth_argument
 
 Array = NDArray[np.float64]
 
@@ -114,9 +114,10 @@ def logistic_probability(
         Shape (m,).
 
     Raises:
-        ResultError: no trials, shapes that differ, or an intensity that is not above 0.
+        ResultError: no trials, shapes that differ, an intensity that is not above 0, or outcomes
+            that are not boolean.
     """
-    truth = np.asarray(overturned, dtype=np.bool_)
+    truth = truth_argument(overturned, "overturned", ResultError)
     terms, wanted = _terms(pga, pgv_pga), _terms(at_pga, at_ratio)
     if truth.shape != (len(terms),) or truth.size == 0:
         raise ResultError(f"{truth.size} outcomes for {len(terms)} intensities; give one each")

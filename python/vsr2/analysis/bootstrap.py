@@ -20,6 +20,7 @@ from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.metrics import classification_metrics
 from vsr2.campaign import motion_resamples
 from vsr2.errors import ResultError
+from vsr2.read_only import label_argument
 
 Array = NDArray[np.float64]
 
@@ -80,7 +81,7 @@ def classification_intervals(
     """
     found = classification_metrics(observed, predicted)
     truth, guess = np.asarray(observed), np.asarray(predicted)
-    groups = np.asarray(motions)
+    groups = label_argument(motions, "motions", ResultError)
     if groups.shape != truth.shape:
         raise ResultError(f"motions has shape {groups.shape} for {truth.size} trials")
     if not 0 < level < 1:

@@ -8,6 +8,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from vsr2.config.seeds import checked_seed
+from vsr2.errors import ResultError
+from vsr2.read_only import real_argument
+
 Array = NDArray[np.float64]
 
 
@@ -79,12 +83,15 @@ def resampled(values: ArrayLike, statistic: Callable[[Array], Array], *, seed: i
         statistic: of many samples of such rows at once, (samples, n) or (samples, n, k) to
             (samples,); may be NaN for a sample it is not defined on.
         seed: of the resamples.
+
+    Raises:
+        ResultError: values that are no real numbers or truth values, or what is no seed.
     """
-    rows = np.asarray(values, dtype=np.float64)
+    rows = real_argument(values, "values", ResultError, truths=True)
     count = len(rows)
     if count == 0:
         return NOTHING
-    rng = np.random.default_rng(seed)
+    rng = np.random.default_rng(checked_seed(seed, ResultError))
     draws = statistic(rows[rng.integers(count, size=(INTERVALS.replicates, count))])
     known = draws[np.isfinite(draws)]
     value = float(statistic(rows[None])[0])
@@ -137,8 +144,11 @@ def calibration_noise(stated: ArrayLike) -> Score:
 
     Args:
         stated: probabilities, shape (n,).
+
+    Raises:
+        ResultError: they are no real numbers.
     """
-    p = np.asarray(stated, dtype=np.float64)
+    p = real_argument(stated, "stated", ResultError)
     if not len(p):
         return NOTHING
     true = np.random.default_rng(0).random((INTERVALS.replicates, len(p))) < p

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vsr2.errors import ResultError
+from vsr2.read_only import truth_argument
 
 
 @dataclass(frozen=True)
@@ -80,9 +81,10 @@ def classification_metrics(observed: ArrayLike, predicted: ArrayLike) -> Classif
             (`failed`) out of both and say how many: they count for neither side.
 
     Raises:
-        ResultError: not boolean, not of one dimension, or of different lengths.
+        ResultError: not boolean, masked, not of one dimension, or of different lengths.
     """
-    truth, guess = _checked(observed, "observed"), _checked(predicted, "predicted")
+    truth = truth_argument(observed, "observed", ResultError)
+    guess = truth_argument(predicted, "predicted", ResultError)
     if truth.shape != guess.shape:
         raise ResultError(f"observed has {truth.size} trials, predicted {guess.size}")
     return Classification(
@@ -91,14 +93,3 @@ def classification_metrics(observed: ArrayLike, predicted: ArrayLike) -> Classif
         false_negatives=int(np.count_nonzero(truth & ~guess)),
         true_negatives=int(np.count_nonzero(~truth & ~guess)),
     )
-
-
-def _checked(values: ArrayLike, name: str) -> np.ndarray[tuple[int, ...], np.dtype[np.bool_]]:
-    array = np.asarray(values)
-    # Numbers are refused because NaN, the usual mark of a missing outcome, would count as true.
-    if array.dtype != np.bool_ or array.ndim != 1:
-        raise ResultError(
-            f"{name}: must be boolean of shape (n,), is {array.dtype} of shape {array.shape}; "
-            "compare first, as in outcome == 'overturned'"
-        )
-    return array

@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 
 from vsr2.campaign.folds import grouped_folds
 from vsr2.errors import ResultError
-from vsr2.read_only import real_argument
+from vsr2.read_only import label_argument, real_argument
 
 Array = NDArray[np.float64]
 
@@ -152,7 +152,7 @@ def fit_margin_model(
     given, fell = given[:, known], ends[known] > 0.5
     tilt = MARGIN.tilts[0]
     if motions is not None and len(given) > 1:
-        groups = np.asarray(motions)[known]
+        groups = label_argument(motions, "motions", ResultError)[known]
         folds = min(MARGIN.folds, np.unique(groups).size)
         if folds > 1:
             fold = grouped_folds(groups, fell.astype(float), folds)
@@ -234,7 +234,7 @@ def out_of_fold_probability(
     """
     given = real_argument(margins, "margins", ResultError)
     ends = real_argument(overturned, "overturned", ResultError, truths=True)
-    groups = np.asarray(motions)
+    groups = label_argument(motions, "motions", ResultError)
     fold = grouped_folds(groups, ends, folds)
     out = np.zeros(ends.size)
     for k in np.unique(fold):

@@ -14,7 +14,7 @@ from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.metrics import classification_metrics
 from vsr2.campaign import motion_resamples
 from vsr2.errors import ResultError
-from vsr2.read_only import real_argument
+from vsr2.read_only import label_argument, real_argument, truth_argument
 
 Array = NDArray[np.float64]
 
@@ -185,12 +185,13 @@ def reliability(
 def _checked(
     observed: ArrayLike, probability: ArrayLike, motions: ArrayLike
 ) -> tuple[NDArray[np.bool_], Array, NDArray[np.str_]]:
-    truth, groups = np.asarray(observed), np.asarray(motions)
+    truth = truth_argument(observed, "observed", ResultError)
+    groups = label_argument(motions, "motions", ResultError)
     p = real_argument(probability, "probability", ResultError)
-    if truth.dtype != np.bool_ or truth.shape != p.shape or groups.shape != p.shape or p.ndim != 1:
+    if not truth.shape == groups.shape == p.shape:
         raise ResultError(
-            f"{truth.size} outcomes of type {truth.dtype}, {p.size} probabilities and "
-            f"{groups.size} motions; give one each, outcomes boolean"
+            f"{truth.size} outcomes, {p.size} probabilities and {groups.size} motions; give one "
+            "each"
         )
     if not ((p > 0) & (p < 1)).all():
         raise ResultError("a probability is not between 0 and 1; no score holds for certainty")

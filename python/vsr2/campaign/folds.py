@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsr2.campaign.campaign import Campaign
 from vsr2.config.seeds import checked_seed
 from vsr2.errors import CampaignError
-from vsr2.read_only import real_argument
+from vsr2.read_only import label_argument, real_argument
 
 MAX_REPLICATES = 100_000
 """Of a bootstrap; bounds its memory."""
@@ -51,8 +51,11 @@ def grouped_folds(
     Raises:
         CampaignError: as :func:`motion_folds`.
     """
-    names, member = np.unique(np.asarray(groups), return_inverse=True)
+    labels = label_argument(groups, "groups", CampaignError)
+    names, member = np.unique(labels, return_inverse=True)
     outcome = real_argument(outcomes, "outcomes", CampaignError, truths=True)
+    if outcome.shape != labels.shape:
+        raise CampaignError(f"{outcome.size} outcomes of {labels.size} trials; give one each")
     if not 2 <= folds <= names.size:
         raise CampaignError(
             f"{folds} folds of {names.size} motions; choose from 2 to the number of motions"
@@ -152,9 +155,10 @@ def motion_resamples(motions: ArrayLike, replicates: int, seed: int = 0) -> NDAr
         Counts, shape (replicates, n); the trials of one motion have equal counts.
 
     Raises:
-        CampaignError: no trials, no or too many replicates, or what is no seed.
+        CampaignError: no trials, no or too many replicates, or what is no label or seed.
     """
-    names, member = np.unique(np.asarray(motions), return_inverse=True)
+    labels = label_argument(motions, "motions", CampaignError)
+    names, member = np.unique(labels, return_inverse=True)
     if names.size == 0:
         raise CampaignError("no trials to draw from")
     if not 1 <= replicates <= MAX_REPLICATES:

@@ -36,7 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsr2.analysis.intervals import INTERVALS
 from vsr2.errors import ResultError
 from vsr2.fragility.settings import FIT
-from vsr2.read_only import real_argument
+from vsr2.read_only import label_argument, real_argument, truth_argument
 
 Array = NDArray[np.float64]
 
@@ -349,12 +349,12 @@ def _outcomes(
     overturned: ArrayLike, groups: ArrayLike, count: int
 ) -> tuple[NDArray[np.bool_], NDArray[np.int64]]:
     """Outcomes, and the number of each trial's group."""
-    truth = np.asarray(overturned)
-    member = np.unique(np.asarray(groups), return_inverse=True)[1]
-    if truth.dtype != np.bool_ or not count == truth.size == member.size or not truth.size:
+    truth = truth_argument(overturned, "overturned", ResultError)
+    labels = label_argument(groups, "groups", ResultError)
+    member = np.unique(labels, return_inverse=True)[1]
+    if not count == truth.size == member.size or not truth.size:
         raise ResultError(
-            f"{count} intensities, {truth.size} outcomes ({truth.dtype}) and {member.size} "
-            "groups; give one each, outcomes as booleans"
+            f"{count} intensities, {truth.size} outcomes and {member.size} groups; give one each"
         )
     return truth, member
 
