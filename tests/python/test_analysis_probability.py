@@ -83,7 +83,7 @@ def test_bins_hold_their_trials_and_empty_ones_nothing() -> None:
     [
         ([True], [1.0], ["a"], "a probability is not between 0 and 1"),
         ([True], [NAN], ["a"], "a probability is not between 0 and 1"),
-        ([1.0], [0.5], ["a"], "1 outcomes of type float64, 1 probabilities and 1 motions"),
+        ([1.0], [0.5], ["a"], "observed: must be boolean"),
         ([True, False], [0.5], ["a"], "give one each"),
         ([True, False], [0.5, 0.5], ["a"], "give one each"),
     ],
