@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import re
 import sys
 from pathlib import Path
 from typing import Any
@@ -121,19 +122,38 @@ def test_some_of_the_trials_are_a_result() -> None:
     assert len(result[4:]) == 0
 
 
+@pytest.mark.filterwarnings("error")
 @pytest.mark.parametrize(
     "wanted",
     [
         3, np.int64(3), [4], [-5], np.array([True]), {"a": 1}, {1, 2}, None, ...,
         True, 1.5, [1.5], [True, 2], ["status"], [[0], [1, 2]], (0, 1), np.array(3),
         np.array([[0]]), np.zeros((4, 4), bool), np.ma.array([0, 1], mask=[0, 1]),
-        slice(None, None, 0), slice("a"), slice(1.5), 2j, b"status",
+        slice(None, None, 0), slice("a"), slice(1.5), 2j, b"status", -1, 4, -5,
+        np.array([2**64 - 1], np.uint64), [0, np.ma.masked],
     ],
     ids=str,
 )  # fmt: skip
 def test_trials_that_are_not_there_are_refused(wanted: Any) -> None:
     with pytest.raises(ResultError, match=r"result\[.*give a slice"):
         make_result([None] * 4)[wanted]
+
+
+@pytest.mark.parametrize(
+    ("wanted", "trial", "part", "log"),
+    [
+        (0, 0, slice(0, 1), "result[0:1], or use result.log(0)"),
+        (-1, 3, slice(-1, None), "result[-1:], or use result.log(3)"),
+        (-2, 2, slice(-2, -1), "result[-2:-1], or use result.log(2)"),
+    ],
+)
+def test_what_is_advised_for_one_trial_gives_it(
+    wanted: int, trial: int, part: slice, log: str
+) -> None:
+    result = make_result([None] * 4)
+    with pytest.raises(ResultError, match=re.escape(log)):
+        result[wanted]
+    assert result[part]["trial"].tolist() == [trial]
 
 
 def test_rows_are_taken_as_numpy_takes_them() -> None:

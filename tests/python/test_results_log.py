@@ -197,11 +197,24 @@ def test_a_log_of_anything_but_real_numbers_is_refused(
         ("peak_tilt", [1j, 0.0], "column peak_tilt is not an array of numbers"),
         ("pga_g", ["0.1", "0.2"], "column pga_g is not an array of numbers"),
         ("seed", [0.5, 1.0], "column seed is not an array of integers"),
+        ("seed", [0, -1], "column seed is -1; give 0 or more"),
+        ("seed", np.array([0, 2**64 - 1], np.uint64), "column seed is .*; give at most"),
+        ("name", np.ma.array(["a", "b"], mask=[0, 1]), "column name is a masked array"),
+        ("name", ["a", np.ma.masked], "column name is a masked array"),
+        ("name", [1, 2], "column name holds .*1.* of type .*; give text"),
+        ("motion", np.array(["a", None]), "column motion holds null of type NoneType; give text"),
+        ("status", np.ma.array(["ok", "ok"], mask=[0, 1]), "column status is a masked array"),
     ],
 )
 def test_a_column_of_anything_else_is_refused(name: str, value: Any, message: str) -> None:
     with pytest.raises(ResultError, match=message):
         BatchResult({**make_trials(2), name: value}, (None, None))
+
+
+def test_a_column_of_text_holds_objects() -> None:
+    made = BatchResult({**make_trials(2), "name": ["a", "b"]}, (None, None))
+    assert made["name"].dtype == object
+    assert made["name"].tolist() == ["a", "b"]
 
 
 def test_batch_result_checks_its_columns() -> None:

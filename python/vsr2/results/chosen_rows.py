@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 
 from vsr2.config.problems import shown
 from vsr2.errors import ResultError
+from vsr2.read_only import refuse_mask
 
 
 def chosen_rows(wanted: Any, count: int) -> NDArray[np.intp]:
@@ -27,10 +28,7 @@ def chosen_rows(wanted: Any, count: int) -> NDArray[np.intp]:
         ResultError: anything else, or a row that is not there; names what was given.
     """
     if isinstance(wanted, Integral) and not isinstance(wanted, bool):
-        raise ResultError(
-            f"result[{wanted}]: give a slice, as in result[{wanted}:{int(wanted) + 1}], or use "
-            f"result.log({wanted})"
-        )
+        raise ResultError(f"result[{wanted}]: {_of_one(int(wanted), count)}")
     try:
         return np.arange(count)[wanted if isinstance(wanted, slice) else _one_dimension(wanted)]
     except (IndexError, TypeError, ValueError) as error:
@@ -40,10 +38,20 @@ def chosen_rows(wanted: Any, count: int) -> NDArray[np.intp]:
         ) from None
 
 
+def _of_one(wanted: int, count: int) -> str:
+    """How to ask for one trial."""
+    if not -count <= wanted < count:
+        return f"no such trial among {count}; give a slice, indices or a mask"
+    end = "" if wanted == -1 else str(wanted + 1)
+    return (
+        f"give a slice, as in result[{wanted}:{end}], or use "
+        f"result.log({wanted if wanted >= 0 else wanted + count})"
+    )
+
+
 def _one_dimension(wanted: Any) -> NDArray[Any]:
     """Indices or a mask, of one dimension."""
-    if isinstance(wanted, np.ma.MaskedArray):
-        raise TypeError("is a masked array; fill what its mask hides")
+    refuse_mask(wanted)
     given = np.asarray(wanted)
     if isinstance(wanted, list) and given.dtype.kind != "b" and any(map(_is_truth, wanted)):
         raise TypeError("truth values among numbers")
@@ -53,6 +61,8 @@ def _one_dimension(wanted: Any) -> NDArray[Any]:
         return given.astype(np.intp)  # An empty list is one of floats.
     if given.dtype.kind not in "iub":
         raise TypeError(f"neither indices nor a mask, but of {given.dtype}")
+    if given.dtype.kind == "u" and given.max() > np.iinfo(np.intp).max:
+        raise IndexError(f"index {given.max()} is out of bounds")  # numpy would wrap it round.
     return given
 
 

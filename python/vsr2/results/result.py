@@ -20,10 +20,11 @@ from vsr2._native import Outcome as Outcome
 from vsr2._native import Status as Status
 from vsr2.argument_names import checked_names
 from vsr2.config.problems import shown
+from vsr2.config.seeds import checked_seed
 from vsr2.errors import ResultError
 from vsr2.near_words import nearest
 from vsr2.one_line import OneLine
-from vsr2.read_only import ReadOnlyDict, read_only, real_argument
+from vsr2.read_only import ReadOnlyDict, read_only, real_argument, refuse_mask
 from vsr2.results.chosen_rows import chosen_rows
 from vsr2.results.trial_log import CONTACT_COLUMNS, DERIVED, STATE_COLUMNS, Array, TrialLog
 
@@ -135,10 +136,8 @@ def _kept_column(name: str, given: Any, count: int) -> NDArray[Any]:
         raise ResultError(
             f"batch result: column {name} has shape {np.shape(given)} for {count} trials"
         )
-    if name in WORDS:
-        return _as_members(name, np.asarray(given), WORDS[name])
     if name in TEXT_COLUMNS:
-        return np.asarray(given)
+        return _kept_text(name, given)
     numbers = real_argument(given, f"batch result: column {name}", ResultError)
     if name in INTEGER_COLUMNS:
         integers = np.asarray(given)
@@ -146,8 +145,29 @@ def _kept_column(name: str, given: Any, count: int) -> NDArray[Any]:
             raise ResultError(
                 f"batch result: column {name} is not an array of integers (but of {integers.dtype})"
             )
+        if name == "seed" and count:
+            for end in (integers.min(), integers.max()):
+                checked_seed(int(end), ResultError, "batch result: column seed")
         return integers
     return numbers
+
+
+def _kept_text(name: str, given: Any) -> NDArray[Any]:
+    """A column of text, or of words as members of their enumeration."""
+    try:
+        refuse_mask(given)
+    except TypeError as error:
+        raise ResultError(f"batch result: column {name} {error}") from None
+    column = np.asarray(given)
+    if name in WORDS:
+        return _as_members(name, column, WORDS[name])
+    odd = [one for one in column if not isinstance(one, str)]
+    if odd:
+        raise ResultError(
+            f"batch result: column {name} holds {shown(odd[0])} of type "
+            f"{type(odd[0]).__name__}; give text"
+        )
+    return column.astype(object)
 
 
 def _as_members(name: str, column: NDArray[Any], words: type[StrEnum]) -> NDArray[Any]:
@@ -182,7 +202,8 @@ class BatchResult(OneLine):
 
     Raises:
         ResultError: a column is missing, unknown, or not as long as there are trials, of another
-            type or masked, one of `WORDS` holds another word, or a log is none.
+            type or masked, one of `WORDS` holds another word, a seed is out of range, or a log is
+            none.
     """
 
     trials: Mapping[str, NDArray[Any]]
