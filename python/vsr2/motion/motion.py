@@ -16,7 +16,8 @@ from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import Filter, RecordUnits
 from vsr2.config.section import DEFAULT_TIME_STEP
 from vsr2.errors import MotionError, Renamed
-from vsr2.motion.samples import Deferred, length, number_of, samples_of
+from vsr2.motion.motion_fields import check_fields
+from vsr2.motion.samples import Deferred, length, samples_of
 from vsr2.motion.units import STANDARD_GRAVITY
 from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyArrays
@@ -45,13 +46,10 @@ class SideMotion(ReadOnlyArrays):
     velocity: Array
 
 
-KINDS = ("cosine", "recording")
 SIDES = ("transverse", "vertical", "pitch")
 CHANNELS = ("displacement", "velocity", "acceleration")
 _OWN = (*CHANNELS, "_deferred", "sha256")
 """What a motion that refers to another's samples does not take over."""
-_NUMBERS = {"time_step": "s", "resampling_error": "m", "resampling_error_rms": "m"}
-"""Fields that are numbers, with their unit."""
 
 
 @checked_names(MotionError)
@@ -82,8 +80,8 @@ class Motion(OneLine, ReadOnlyArrays):
 
     Raises:
         MotionError: fewer than 2 or more than `MAX_SAMPLES` samples, lengths differ, NaN or
-            infinity, no start at zero, channels that contradict each other, or a name, kind, time
-            step or error of resampling of another type.
+            infinity, no start at zero, channels that contradict each other, or a field of another
+            type.
     """
 
     name: str
@@ -104,16 +102,7 @@ class Motion(OneLine, ReadOnlyArrays):
     scaled_to_pga = Renamed("scaled_to_pga_g", ", which takes g")
 
     def __post_init__(self) -> None:
-        if not isinstance(self.name, str):
-            raise MotionError(f"motion: name must be text (is of type {type(self.name).__name__})")
-        if self.kind not in KINDS:
-            raise MotionError(
-                f"motion {self.name!r}: kind must be {' or '.join(KINDS)} (is {self.kind!r})"
-            )
-        for field, unit in _NUMBERS.items():
-            what, positive = f"motion {self.name!r}: {field}", field == "time_step"
-            number = number_of(getattr(self, field), what, unit, positive=positive)
-            object.__setattr__(self, field, number)
+        check_fields(self)
         given = vars(self)
         if isinstance(given["acceleration"], Deferred):
             given["_deferred"] = given.pop("acceleration")
@@ -307,6 +296,11 @@ class Motion(OneLine, ReadOnlyArrays):
         given: SideMotion | None = getattr(self, side)
         if given is None:
             return None
+        if not isinstance(given, SideMotion):
+            raise MotionError(
+                f"motion {self.name!r}: {side} must be a vsr2.motion.SideMotion or None (is of "
+                f"type {type(given).__name__})"
+            )
         displacement = self._checked(f"{side} displacement", given.displacement)
         velocity = self._checked(f"{side} velocity", given.velocity)
         if not (displacement.size == velocity.size == self.size):

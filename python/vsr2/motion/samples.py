@@ -64,15 +64,15 @@ def number_of(given: Any, what: str, unit: str, *, positive: bool) -> float:
         given: what should be a number.
         what: names it in errors.
         unit: of it.
-        positive: whether it must be above 0.
+        positive: whether it must be above 0, else not below.
 
     Raises:
-        MotionError: no finite real number, or none above 0.
+        MotionError: no finite real number, or none of that sign.
     """
     number = isinstance(given, Real) and not isinstance(given, bool)
-    if not (number and math.isfinite(given) and (given > 0 or not positive)):
-        kind = "positive" if positive else "finite"
-        raise MotionError(f"{what} must be a {kind} number [{unit}] (is {given!r})")
+    if not (number and math.isfinite(given) and (given > 0 if positive else given >= 0)):
+        wanted = f"positive number [{unit}]" if positive else f"finite number [{unit}], 0 or more"
+        raise MotionError(f"{what} must be a {wanted} (is {given!r})")
     return float(given)
 
 
