@@ -211,8 +211,16 @@ def test_trials_of_ones_own_with_ids(study):
     assert one_motion.motion_ids.tolist() == ["a", "b"]
     with pytest.raises(CampaignError, match="motion_ids has 1 entries for 2 trials"):
         simulate_campaign(trials, motion_ids=["a"])
-    with pytest.raises(CampaignError, match="sessions of 0 trials"):
-        simulate_campaign(trials, sessions=0)
+    for size in (0, 1.5, True, "1"):
+        with pytest.raises(CampaignError, match=r"trials of a session: .*give a whole number, 1"):
+            simulate_campaign(trials, sessions=size)
+    for step in (-1, 1.5, "a", None):
+        with pytest.raises(CampaignError, match=r"series_every: .*give a whole number, 0"):
+            simulate_campaign(trials, series_every=step)
+    counted = simulate_campaign(
+        trials, sessions=np.int64(1), series_every=np.int64(20), run=RunOptions(threads=1)
+    )
+    assert [trial.session for trial in counted.trials] == ["1", "2"]
     with pytest.raises(CampaignError, match="no trials"):
         simulate_campaign([])
 

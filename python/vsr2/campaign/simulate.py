@@ -10,6 +10,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
 from enum import IntEnum
+from numbers import Integral
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -110,11 +111,11 @@ def simulate_campaign(
         how each ended, and its note says so to people.
 
     Raises:
-        CampaignError: lists of another length than the trials, or `run.made` is of another call.
+        CampaignError: lists of another length than the trials, no whole numbers, or `run.made` is
+            of another call.
         Vsr2Error: as `run_batch`.
     """
-    if series_every < 0:
-        raise CampaignError(f"series_every is {series_every}; give 0 or more")
+    series_every = _integer(series_every, "series_every", 0)
     seed = checked_seed(seed, CampaignError)
     noise = _noise(noise)
     asked, wanted = _asked(study, dict(effects or {}), series_every)
@@ -183,14 +184,21 @@ def _asked(
 
 
 def _sessions(sessions: Sequence[str] | int | None, count: int) -> Sequence[str]:
-    if sessions is not None and not isinstance(sessions, int):
+    if sessions is not None and not isinstance(sessions, int | float | np.number | str):
         if len(sessions) != count:
             raise CampaignError(f"sessions has {len(sessions)} entries for {count} trials")
         return sessions
-    size = count if sessions is None else sessions
-    if size < 1:
-        raise CampaignError(f"sessions of {size} trials; give 1 or more")
+    size = count if sessions is None else _integer(sessions, "trials of a session", 1)
     return [str(i // size + 1) for i in range(count)]
+
+
+def _integer(given: Any, what: str, least: int) -> int:
+    """A whole number as Python's own."""
+    integral = isinstance(given, Integral) and not isinstance(given, bool)
+    number = int(given) if integral else -1
+    if number < least:
+        raise CampaignError(f"{what}: {shown(given)}; give a whole number, {least} or more")
+    return number
 
 
 def _run(
