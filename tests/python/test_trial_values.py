@@ -15,12 +15,24 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
+from vsr2.analysis.intervals import resampled
 from vsr2.campaign import simulate_campaign
 from vsr2.campaign.folds import grouped_folds, motion_resamples
 from vsr2.config.study import Output, Study
+from vsr2.diagnosis.corrected import drawn_studies
+from vsr2.diagnosis.coverage.planted_campaigns import draw_planted
+from vsr2.diagnosis.reference_campaign import compare_reference
 from vsr2.effects import EffectRangeWarning, apply_effects
-from vsr2.errors import CampaignError, ConfigError, GeometryError, SimulationError
-from vsr2.motion import Motion, Record, SideMotion, build_recorded_motion
+from vsr2.errors import (
+    CampaignError,
+    ConfigError,
+    DiagnosisError,
+    GeometryError,
+    MotionError,
+    ResultError,
+    SimulationError,
+)
+from vsr2.motion import Motion, Record, SideMotion, build_recorded_motion, shaped_noise
 from vsr2.results import BatchResult, Outcome, Status
 from vsr2.scene import (
     Box,
@@ -334,8 +346,33 @@ def test_a_seed_beyond_the_range_of_a_study_is_refused(seed: Any, message: str) 
         motion_resamples(["a", "b"], 3, seed=seed)
     with pytest.raises(CampaignError, match=message):
         grouped_folds(np.arange(4), np.zeros(4), 2, seed=seed)
+    with pytest.raises(MotionError, match=message):
+        shaped_noise(10.0, 2.0, seed)
+    with pytest.raises(ResultError, match=message):
+        resampled([0.0, 1.0], lambda rows: rows.mean(axis=1), seed=seed)
+    nothing: Any = None
+    for draw in (
+        lambda: drawn_studies(nothing, nothing, 1, seed=seed),
+        lambda: compare_reference(nothing, nothing, seed=seed),
+        lambda: draw_planted({}, {}, 1, most=1, seed=seed),
+    ):
+        with pytest.raises(DiagnosisError, match=message):
+            draw()
     with pytest.raises(ConfigError, match="seed"):
         Study.from_dict({"rock": BOX, "motion": MOTION, "seed": seed})
+
+
+@pytest.mark.parametrize("effects", [None, 3, ["restitution"], "restitution"])
+def test_effects_of_a_trial_are_those_that_were_applied(effects: Any) -> None:
+    with pytest.raises(SimulationError, match=r"effects must be those that `vsr2.apply_effects`"):
+        replace(Trial(scene_of(BOX), recorded()), effects=effects)
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [True, np.True_, None, np.ma.masked, 1j, "much"], ids=str)
+def test_a_parameter_of_an_effect_is_a_number(value: Any) -> None:
+    with pytest.raises(ConfigError, match=r"must be a number \(is"):
+        apply_effects([Trial(scene_of(BOX), recorded())], {"restitution": {"energy_ratio": value}})
 
 
 def test_the_greatest_seed_reaches_the_result() -> None:

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.config import Study, dump_study
+from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.parameters import PARAMETERS
 from vsr2.diagnosis.simulated.library import Library, free_parameters, is_angle, turn_of
@@ -141,8 +142,9 @@ def drawn_studies(found: Diagnosis, study: Study, draws: int, *, seed: int = 0) 
         seed: of the draws.
 
     Raises:
-        DiagnosisError: more draws than the posterior has.
+        DiagnosisError: more draws than the posterior has, or what is no seed.
     """
+    seed = checked_seed(seed, DiagnosisError)
     if corrected_study(found, study) is None:
         return []
     check_draws(draws, min(len(rows) for rows in found.samples.values()))

@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign
 from vsr2.config import Study
+from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis.constants import diagnosis_constants
 from vsr2.diagnosis.observed.features import TILT_FEATURES, rest_features
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
@@ -25,6 +26,7 @@ from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.simulated.simulator import PERTURBED, Request
+from vsr2.errors import DiagnosisError
 
 Array = NDArray[np.float64]
 
@@ -101,9 +103,10 @@ def compare_reference(
         seed: of the draws.
 
     Raises:
-        DiagnosisError: the campaign holds too little.
+        DiagnosisError: the campaign holds too little, or what is no seed.
         ConfigError, GeometryError, MotionError, SimulationError: study or campaign cannot be used.
     """
+    seed = checked_seed(seed, DiagnosisError)
     seen = observe_campaign(campaign)
     simulator = SceneSimulator(
         seen.campaign, study, hypotheses=hypotheses, series=True, threads=threads, seed=seed

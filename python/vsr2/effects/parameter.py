@@ -6,8 +6,10 @@ import math
 import warnings
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from numbers import Real
 from typing import Literal, get_args
 
+from vsr2.config.problems import shown
 from vsr2.errors import ConfigError
 
 
@@ -142,11 +144,11 @@ class Parameter:
         Raises:
             ConfigError: no such word, no number, or outside the limits.
         """
-        if isinstance(value, str):
-            if value in self.choices:
-                return float(self.choices.index(value))
+        if isinstance(value, str) and value in self.choices:
+            return float(self.choices.index(value))
+        if isinstance(value, bool) or not isinstance(value, Real):
             wanted = f"one of {', '.join(self.choices)}" if self.choices else "a number"
-            raise ConfigError(f"must be {wanted} (is {value!r})", key=where)
+            raise ConfigError(f"must be {wanted} (is {shown(value)})", key=where)
         number = float(value)
         if self.is_null(number):
             return number

@@ -95,7 +95,16 @@ def shaped_noise(
         ground_frequency: f_g [Hz].
         seed: of the noise.
         low_pass: corner of the low-pass [Hz].
+
+    Raises:
+        MotionError: what is no seed.
     """
+    seed = checked_seed(seed, MotionError, "shaped noise: seed")
+    return _shaped_noise(duration, ground_frequency, seed, low_pass)
+
+
+def _shaped_noise(duration: float, ground_frequency: float, seed: int, low_pass: float) -> Array:
+    """As :func:`shaped_noise`, for any seed that numpy takes."""
     count = round(duration / SYNTHETIC.interval) + 1
     time = np.arange(count) * SYNTHETIC.interval
     strongest = SYNTHETIC.strongest * duration
@@ -216,7 +225,7 @@ def _tuned(
 
 def _shaped(duration: float, ground_frequency: float, seed: int) -> Array:
     low_pass = max(SYNTHETIC.low_pass, SYNTHETIC.low_pass_ratio * ground_frequency)
-    return shaped_noise(duration, ground_frequency, seed, low_pass=low_pass)
+    return _shaped_noise(duration, ground_frequency, seed, low_pass)
 
 
 def _ground_frequency(duration: float, pgv_pga: float, seed: int) -> float:

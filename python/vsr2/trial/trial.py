@@ -155,7 +155,10 @@ class Trial(OneLine):
                     f"{type(value).__name__})"
                 )
         object.__setattr__(self, "seed", checked_seed(self.seed, SimulationError, "Trial: seed"))
-        object.__setattr__(self, "effects", tuple(self.effects))
+        try:
+            object.__setattr__(self, "effects", tuple(self.effects))
+        except TypeError:  # Refused below, as what it is.
+            object.__setattr__(self, "effects", (self.effects,))
         if not all(isinstance(one, Applied) for one in self.effects):
             raise SimulationError("Trial: effects must be those that `vsr2.apply_effects` put in")
         if self.drive not in DRIVE_MODES:

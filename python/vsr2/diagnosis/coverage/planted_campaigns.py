@@ -7,6 +7,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.posterior.sets import declared_alike
 from vsr2.diagnosis.posterior.truth import PRIOR, left_out_together
@@ -57,8 +58,9 @@ def draw_planted(
         seed: of the diagnosis.
 
     Raises:
-        DiagnosisError: no effect that is looked for shows in the campaign.
+        DiagnosisError: no effect that is looked for shows in the campaign, or what is no seed.
     """
+    seed = checked_seed(seed, DiagnosisError)
     shown = set(library) - set(insensitive(library, limits)) - set(excluded)
     if not shown:
         raise DiagnosisError(
