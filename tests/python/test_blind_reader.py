@@ -4,10 +4,11 @@ from __future__ import annotations
 
 import math
 from collections.abc import Iterator
+from datetime import date
 from typing import Any
 
 import pytest
-from pydantic import ValidationError
+from pydantic import BaseModel, ValidationError
 
 from vsr2.blind.custodian.steps import PackState
 from vsr2.blind.form.pack_form import Listed, Pack
@@ -71,3 +72,11 @@ def test_every_type_of_error_has_words() -> None:
 def test_a_value_is_refused_in_own_words(kind: type[Part], content: Any, message: str) -> None:
     with pytest.raises(BlindError, match=f"file: .*{message}"):
         parsed(kind, content, "file")
+
+
+def test_a_type_of_error_without_words_is_refused_in_own_words_too() -> None:
+    class Odd(BaseModel):
+        when: date
+
+    with pytest.raises(BlindError, match=r"file: when is 'x'; it cannot be used$"):
+        parsed(Odd, {"when": "x"}, "file")

@@ -102,7 +102,7 @@ def parsed(model: type[Model], content: object, label: str, where: str = "") -> 
         raise BlindError(f"{label}: {key} is missing; {hint}")
     context: Mapping[str, Any] = fault.get("ctx", {})
     template = _PATTERNS.get(context.get("pattern", "")) or _WANTED.get(kind)
-    wanted = fault["msg"] if template is None else template.format(**context)
+    wanted = "it cannot be used" if template is None else template.format(**context)
     if kind == "value_error":
         wanted = str(fault["ctx"]["error"])
         if isinstance(fault["input"], Mapping):
