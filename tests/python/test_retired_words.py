@@ -61,8 +61,8 @@ NAMES = {
 
 
 def sources(*ends: str) -> Iterator[Path]:
-    for folder in FOLDERS:
-        for path in sorted((ROOT / folder).rglob("*")):
+    for found in (ROOT.glob("*.md"), *((ROOT / folder).rglob("*") for folder in FOLDERS)):
+        for path in sorted(found):
             results = path.is_relative_to(ROOT / "docs" / "results")
             # This module names the words.
             if path.suffix in (ends or ENDS) and not results and path.is_file() and path != OWN:
@@ -87,6 +87,10 @@ def names_of(path: Path) -> Iterator[str]:
 
 def words_of(name: str) -> set[str]:
     return set(re.sub(r"(?<=[a-z])(?=[A-Z])", "_", name).lower().split("_"))
+
+
+def test_pages_beside_the_folders_are_searched() -> None:
+    assert {ROOT / "README.md", ROOT / "CHANGELOG.md"} <= set(sources())
 
 
 @pytest.mark.parametrize("word", RETIRED)
