@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from numbers import Integral
-from typing import Any
+from typing import Any, NoReturn
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,7 +28,7 @@ def chosen_rows(wanted: Any, count: int) -> NDArray[np.intp]:
         ResultError: anything else, or a row that is not there; names what was given.
     """
     if isinstance(wanted, Integral) and not isinstance(wanted, bool):
-        raise ResultError(f"result[{wanted}]: {_of_one(int(wanted), count)}")
+        _refuse_one(int(wanted), count)
     try:
         return np.arange(count)[wanted if isinstance(wanted, slice) else _one_dimension(wanted)]
     except (IndexError, TypeError, ValueError) as error:
@@ -38,13 +38,15 @@ def chosen_rows(wanted: Any, count: int) -> NDArray[np.intp]:
         ) from None
 
 
-def _of_one(wanted: int, count: int) -> str:
-    """How to ask for one trial."""
+def _refuse_one(wanted: int, count: int) -> NoReturn:
+    """Refuse a single number with what gives that trial."""
     if not -count <= wanted < count:
-        return f"no such trial among {count}; give a slice, indices or a mask"
+        raise ResultError(
+            f"result[{wanted}]: no such trial among {count}; give a slice, indices or a mask"
+        )
     end = "" if wanted == -1 else str(wanted + 1)
-    return (
-        f"give a slice, as in result[{wanted}:{end}], or use "
+    raise ResultError(
+        f"result[{wanted}]: give a slice, as in result[{wanted}:{end}], or use "
         f"result.log({wanted if wanted >= 0 else wanted + count})"
     )
 
