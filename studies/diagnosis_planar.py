@@ -266,7 +266,8 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
     rows: list[Row] = []
     for tier in options.tiers:
         seen = rehearsal.at(tier)
-        noted = seen.noted(planted.overturned, planted.peak_tilt, planted.features, options.seed)
+        noise = np.random.default_rng(options.seed)
+        noted = seen.noted(planted.overturned, planted.peak_tilt, planted.features, noise)
         for count in options.campaigns:
             posterior = rehearsal.posterior(tier, count)
             place = {"tier": tier, "campaigns": count}

@@ -201,7 +201,8 @@ class Rehearsal:
         requests = [Request(i, effects, nuisance, replicate) for i in range(len(self._seen))]
         found: Responses = truth.run(requests)
         blank = self.at(tier)
-        features = blank.noted(found.overturned, found.peak_tilt, found.features, 1000 + nuisance)
+        rng = np.random.default_rng(1000 + nuisance)
+        features = blank.noted(found.overturned, found.peak_tilt, found.features, rng)
         return replace(blank, overturned=found.overturned, features=features)
 
     def infer(
