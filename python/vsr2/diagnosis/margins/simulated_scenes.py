@@ -34,8 +34,8 @@ class SceneConstants:
     """How scenes are chosen; chosen by hand.
 
     Attributes:
-        usual: number of scenes where none is asked for: less than an hour on two cores for 300
-            trials of a scanned rock. With 800 the laboratory's motions that were not seen lost .146
+        usual: number of scenes where none is asked for: about an hour on two cores for 300 trials
+            of a scanned rock. With 800 the laboratory's motions that were not seen lost .146
             nat a trial, with 600 .154 and .171.
         prior: share of the scenes that are drawn at random.
         alone: share of those in which an effect acts alone, each in its turn.
