@@ -243,8 +243,9 @@ def test_the_command_line_iterates_and_writes_draws(gained, tmp_path, capsys) ->
     save_campaign(gained, tmp_path / "campaign")
     motion = {"mode": "single_cosine", "amplitude": 0.05, "frequency": 1}
     (tmp_path / "scene.yaml").write_text(json.dumps({**BOX, "motion": motion}))
+    # So few simulations name something with a few seeds alone; asked is what is written then.
     given = ("diagnose", tmp_path / "campaign", "--scene", tmp_path / "scene.yaml", "--tier", "M",
-             "--campaigns", 36, "--no-how-far", "--threads", 1)  # fmt: skip
+             "--campaigns", 36, "--no-how-far", "--threads", 1, "--seed", 5)  # fmt: skip
     with few_simulations(), few_effects("table_gain", "catch"):
         for again in ((), ("--resume",)):
             assert run(*given, "--out", tmp_path / "out", "--iterate", "--most-rounds", 1,
