@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from vsr2.diagnosis.causes import FIGURE
 from vsr2.report.diagnosis_figures import BLUE, GREY, INK, RED
+from vsr2.report.messages.figure_titles import closed_title
 from vsr2.report.messages.found_causes import CONTROL_LABELS, waterfall_steps
 from vsr2.report.pages import plain
 from vsr2.report.panels import legend_below, save_figure, sheet, tooltip
@@ -79,17 +80,5 @@ def _waterfall(panel: Axes, held_out: Mapping[str, Any], steps: list[Any]) -> No
     interval.set_label("95 % interval")
     panel.invert_yaxis()
     panel.set_xlabel("loss a trial [nat]")
-    panel.set_title(_closed(held_out), fontsize="small")
+    panel.set_title(closed_title(held_out), fontsize="small")
     panel.grid(axis="y", visible=False)
-
-
-def _closed(held_out: Mapping[str, Any]) -> str:
-    """Shares of the gap that scatter and causes close; empty where there is no gap."""
-    scatter, beyond = held_out["scatter_alone"]["closure"], held_out["beyond_scatter"]
-    if scatter["value"] is None:
-        return ""
-    low, high = beyond["ci95"]
-    return (
-        f"closed of the gap: by scatter alone {scatter['value']:.2f},\n"
-        f"by causes a further {beyond['value']:.2f} [{low:.2f}, {high:.2f}]"
-    )

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
+from typing import TYPE_CHECKING, Any
 
 from vsr2.one_line import counted
 from vsr2.report.messages.runs import fit_note
@@ -31,6 +32,18 @@ def tracking_title(found: Tracking) -> str:
     """How well the pedestal followed its command."""
     peak, rms = _millimetres(found.peak_error), _millimetres(found.rms_error)
     return f"peak {peak}, rms {rms}, {_lag(found.lag)}"
+
+
+def closed_title(held_out: Mapping[str, Any]) -> str:
+    """Shares of the gap that scatter and causes close; empty where there is no gap."""
+    scatter, beyond = held_out["scatter_alone"]["closure"], held_out["beyond_scatter"]
+    if scatter["value"] is None:
+        return ""
+    low, high = beyond["ci95"]
+    return (
+        f"closed of the gap: by scatter alone {scatter['value']:.2f},\n"
+        f"by causes a further {beyond['value']:.2f} [{low:.2f}, {high:.2f}]"
+    )
 
 
 def _millimetres(length: float) -> str:
