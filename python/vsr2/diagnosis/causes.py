@@ -198,11 +198,11 @@ def find_causes(
             cannot be used.
         ResultError: a file cannot be written.
     """
-    watch = Stopwatch()
+    watch, seed = Stopwatch(), checked_seed(seed, DiagnosisError)
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     used = _judged_by(given)
     count = SCENES.usual if scenes is None else scenes
-    _check(used, count, seed)
+    _check(used, count)
     check_draws(posterior_draws, SAMPLER.final)
     _check_priors(hypotheses)
     study = scene if isinstance(scene, Study) else load_study(scene)
@@ -320,10 +320,9 @@ def _modelled(
     return model, as_it_is, work
 
 
-def _check(used: Campaign, scenes: int, seed: int) -> None:
+def _check(used: Campaign, scenes: int) -> None:
     if scenes < SCENES.least:
         raise DiagnosisError(f"scenes is {scenes}; give {SCENES.least} or more")
-    seed = checked_seed(seed, DiagnosisError)
     if len(used) == 0 or used.overturned.min() == used.overturned.max():
         raise DiagnosisError(
             f"campaign {used.name!r}: of the trials with a motion and an outcome none "
