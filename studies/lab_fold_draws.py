@@ -13,7 +13,6 @@ docs/results/lab_fold_draws.csv. Seed 2 took 17,216 simulations, and 24 minutes 
 from __future__ import annotations
 
 import argparse
-from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -26,14 +25,12 @@ from vsr2.analysis.probability import probability_intervals
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis import Hypotheses
-from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.cause_space import cause_space
-from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, folds_of
+from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, fold_posteriors, folds_of
 from vsr2.diagnosis.margins.margin_search import scene_margins
-from vsr2.diagnosis.margins.outcome_model import OutcomeModel, Particles
+from vsr2.diagnosis.margins.outcome_model import OutcomeModel
 from vsr2.diagnosis.margins.session_steps import session_steps
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
-from vsr2.diagnosis.observed.random_streams import MarginStream
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
@@ -43,18 +40,6 @@ HERE = Path(__file__).resolve().parent
 CANDIDATES = 4096
 """Draws of the nuisances, of which the one most alike is taken."""
 Array = NDArray[np.float64]
-
-
-def posteriors(model: OutcomeModel, fold: NDArray[np.int64], seed: int) -> list[Particles]:
-    """Of the motions outside each fold, as the search for causes samples them."""
-
-    def found(k: int) -> Particles:
-        rng = np.random.default_rng([seed, MarginStream.FOLDS, k])
-        seen = np.flatnonzero(fold != k)
-        return sample_posterior(model, seen, rng, particles=HELD_OUT_CAUSES.everything).particles
-
-    with ThreadPoolExecutor(2) as pool:
-        return list(pool.map(found, np.unique(fold).tolist()))
 
 
 def alike(nuisances: Array, candidates: Array, weights: Array) -> list[int]:
@@ -96,7 +81,11 @@ def main() -> None:
         emulated, simulated = np.full((2, overturned.size), np.nan)
         candidates = np.stack([simulator.nuisance_draw(k + 1) for k in range(CANDIDATES)])
         rng, differences = np.random.default_rng([options.seed, options.draws]), []
-        for k, particles in enumerate(posteriors(model, fold, options.seed)):
+        models = dict.fromkeys(np.unique(fold).tolist(), model)
+        posteriors = fold_posteriors(
+            models, fold, HELD_OUT_CAUSES.everything, options.seed, options.threads
+        )
+        for k, particles in posteriors.items():
             own = fold == k
             rows = np.flatnonzero(own)
             emulated[rows] = model.probability(particles, rows)

@@ -28,8 +28,7 @@ class HeldOutCausesConstants:
     Attributes:
         folds: of motions.
         particles: of each posterior where some causes may act.
-        everything: of each posterior where all effects may act, which has more to tell apart: with
-            300 the log loss on the laboratory's campaign changed by .012 from one draw to another.
+        everything: of each posterior where all effects may act, which has more to tell apart.
         judged: causes that are judged one by one, the most probable ones.
     """
 
@@ -58,18 +57,26 @@ def held_out_probability(model: OutcomeModel, seed: int, threads: int = 1) -> Ar
     """
     fold = folds_of(model)
     models = dict.fromkeys(np.unique(fold).tolist(), model)
-    found = _posteriors(models, fold, HELD_OUT_CAUSES.particles, seed, threads)
+    found = fold_posteriors(models, fold, HELD_OUT_CAUSES.particles, seed, threads)
     return _probability(models, found, fold)
 
 
-def _posteriors(
+def fold_posteriors(
     models: Mapping[int, OutcomeModel],
     fold: NDArray[np.int64],
     particles: int,
     seed: int,
     threads: int,
 ) -> dict[int, Particles]:
-    """What acts by the outcomes outside each fold, of a model each."""
+    """What acts by the outcomes outside each fold.
+
+    Args:
+        models: of outcomes, by fold.
+        fold: of each trial, shape (trials,).
+        particles: of each posterior.
+        seed: of draws; each fold has its own.
+        threads: that share the folds; the result does not depend on them.
+    """
 
     def sampled(k: int) -> Particles:
         rng = np.random.default_rng([seed, MarginStream.FOLDS, k])
@@ -164,11 +171,11 @@ def judge_causes(
             progress((k + 1) / (len(choices) + 1))
     fold = folds_of(model)
     models = dict.fromkeys(np.unique(fold).tolist(), model)
-    posteriors = _posteriors(models, fold, HELD_OUT_CAUSES.everything, seed, threads)
+    posteriors = fold_posteriors(models, fold, HELD_OUT_CAUSES.everything, seed, threads)
     everything = _probability(models, posteriors, fold)
     named = {k: _likely(model, one, likely) for k, one in posteriors.items()}
     sure = {k: replace(model, allowed=own, certain=own) for k, own in named.items()}
-    again = _posteriors(sure, fold, HELD_OUT_CAUSES.particles, seed, threads)
+    again = fold_posteriors(sure, fold, HELD_OUT_CAUSES.particles, seed, threads)
     if progress is not None:
         progress(1.0)
     return HeldOutCauses(
