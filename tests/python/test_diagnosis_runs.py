@@ -32,7 +32,8 @@ outcome: {tail: 0.5}
 """
 OFFERED = ("table_gain", "catch", "table_pitch")
 EXCLUDED = ("table_pitch",)
-SIMULATIONS = 1000
+SIMULATIONS = 2000
+"""With 1000 the planted effect leads with some seeds alone, with 2000 with all of 0 to 2."""
 
 
 @pytest.fixture(scope="module", autouse=True)
@@ -204,11 +205,9 @@ def test_a_killed_diagnosis_goes_on_to_the_same_verdict_by_other_threads(
     shown = capsys.readouterr()
     assert "trying effects" in shown.err
     lines = shown.err.replace("\r", "\n").splitlines()
-    leading = next(line for line in lines if "leading" in line)
-    assert any(name in leading for name in OFFERED)
+    assert "catch" in next(line for line in lines if "leading" in line)
     assert stated["verdict"]["text"] in shown.out
-    # So few simulations do not part the two effects that this scene can have.
-    assert {row["name"] for row in stated["effects"]} == {"catch", "table_gain"}
+    assert stated["effects"][0]["name"] == "catch"
     written = {path.name for path in out.iterdir()}
     tables = {"effects.csv", "where.csv", "trials.csv"}
     assert written >= {"diagnosis.json", "index.html", "simulations.jsonl", *tables}
