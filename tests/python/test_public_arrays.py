@@ -101,27 +101,29 @@ SPOILT: dict[str, Any] = {
 }
 
 
-@pytest.mark.parametrize("spoilt", SPOILT)
-@pytest.mark.parametrize("taker", TAKERS)
-def test_an_array_of_anything_but_real_numbers_is_refused(taker: str, spoilt: str) -> None:
-    with pytest.raises(Vsr2Error, match=r"masked array|not an array of numbers"):
-        TAKERS[taker](SPOILT[spoilt])
+REFUSED = (
+    (TAKERS, SPOILT, r"masked array|not an array of numbers"),
+    (TRUTH_TAKERS, SPOILT_TRUTH, r"masked array|must be boolean"),
+    (LABEL_TAKERS, SPOILT_LABELS, r"masked array|must be (text|of shape)"),
+)
+"""What takes numbers, truths or labels, what none of them is, and how that is refused."""
 
 
 @pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("spoilt", SPOILT_TRUTH)
-@pytest.mark.parametrize("taker", TRUTH_TAKERS)
-def test_truths_are_neither_masked_nor_numbers_nor_text(taker: str, spoilt: str) -> None:
-    with pytest.raises(Vsr2Error, match=r"masked array|must be boolean"):
-        TRUTH_TAKERS[taker](SPOILT_TRUTH[spoilt])
-
-
-@pytest.mark.filterwarnings("error")
-@pytest.mark.parametrize("spoilt", SPOILT_LABELS)
-@pytest.mark.parametrize("taker", LABEL_TAKERS)
-def test_labels_are_neither_masked_nor_missing(taker: str, spoilt: str) -> None:
-    with pytest.raises(Vsr2Error, match=r"masked array|must be (text|of shape)"):
-        LABEL_TAKERS[taker](SPOILT_LABELS[spoilt])
+@pytest.mark.parametrize(
+    ("take", "spoilt", "said"),
+    [
+        pytest.param(take, value, said, id=f"{name}-{kind}")
+        for takers, spoilt, said in REFUSED
+        for name, take in takers.items()
+        for kind, value in spoilt.items()
+    ],
+)
+def test_masks_and_values_of_another_kind_are_refused(
+    take: Callable[[Any], Any], spoilt: Any, said: str
+) -> None:
+    with pytest.raises(Vsr2Error, match=said):
+        take(spoilt)
 
 
 @pytest.mark.parametrize("labels", [list("aabb"), [1, 1, 2, 2], np.array(list("aabb"), object)])
