@@ -230,9 +230,10 @@ def shown(value: object) -> str:
     """A value as it goes into a message: one line, bounded."""
     try:
         # A key without a value, as YAML names what it holds.
-        text = "null" if value is None else " ".join(repr(value).split())
         if isinstance(value, str):
             text = ascii(value)
+        else:
+            text = "null" if value is None else " ".join(repr(value).split())
     except Exception:
         # The value may be any object where a study is built from Python.
         text = f"a {type(value).__name__}"

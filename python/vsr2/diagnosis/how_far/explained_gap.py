@@ -33,7 +33,7 @@ from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.errors import CampaignError, MotionError, ResultError
 
 Array = NDArray[np.float64]
-CLASSIFIED = ("accuracy", "precision", "recall", "objective")
+_CLASSIFIED = ("accuracy", "precision", "recall", "objective")
 """Scores of predicted outcomes."""
 _LIKELY = "likely"
 
@@ -131,7 +131,7 @@ def _floor_scores(as_it_is: Ensemble) -> dict[str, Any]:
 
     Means, and where 95 % of the simulations lie.
     """
-    found: dict[str, list[float]] = {name: [] for name in CLASSIFIED}
+    found: dict[str, list[float]] = {name: [] for name in _CLASSIFIED}
     everyone = np.arange(len(as_it_is))
     for i in everyone:
         truth = as_it_is.overturned[i]
