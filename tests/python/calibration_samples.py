@@ -30,6 +30,7 @@ parameters:
 method: {kind: joint, design: 8, refine: 3, profile_points: 4}
 folds: 3
 resamples: 200
+replicates: 1
 """
 
 
