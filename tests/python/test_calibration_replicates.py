@@ -27,7 +27,9 @@ from vsr2.diagnosis import Execution
 from vsr2.errors import ConfigError
 
 NAN = np.nan
-BY_LOSS = STUDY.replace("replicates: 1", "replicates: 2") + "objective: log_loss\neffects: {placement: {yaw: 4.0}}\n"
+BY_LOSS = STUDY.replace("replicates: 1", "replicates: 2") + (
+    "objective: log_loss\neffects: {placement: {yaw: 4.0}}\n"
+)
 SMALL = BY_LOSS.replace(
     "design: 8, refine: 3, profile_points: 4", "design: 4, refine: 1, screen: 3"
 )

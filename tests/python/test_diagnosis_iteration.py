@@ -270,3 +270,17 @@ def test_the_command_line_iterates_and_writes_draws(gained, tmp_path, capsys) ->
     assert load_study(tmp_path / "out" / "corrected.yaml").effects == corrected["scene"]
     # The second call found the round finished.
     assert printed.err.count("vsr2 diagnose: judging 100%") == 1
+
+
+def test_the_command_line_says_why_no_draws_come(shaken, monkeypatch, tmp_path, capsys) -> None:
+    monkeypatch.setattr("vsr2.diagnosis.iteration.diagnose", StubDiagnose({}))
+    monkeypatch.setattr("vsr2.report.diagnosis_page.write_diagnosis_page", lambda *_: None)
+    save_campaign(shaken, tmp_path / "campaign")
+    motion = {"mode": "single_cosine", "amplitude": 0.05, "frequency": 1}
+    (tmp_path / "scene.yaml").write_text(json.dumps({**BOX, "motion": motion}))
+    out = tmp_path / "out"
+    assert run("diagnose", tmp_path / "campaign", "--scene", tmp_path / "scene.yaml", "--out", out,
+               "--iterate", "--posterior-draws", 3) == 0  # fmt: skip
+    folder = out / "round_1"
+    assert f"no draws of the posterior are written to {folder}: nothing" in capsys.readouterr().out
+    assert not (folder / "corrected_draws").exists()

@@ -9,7 +9,7 @@ import pytest
 
 from diagnosis_samples import campaigns_of
 from planar.planar_library import PLANAR_LIBRARY
-from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters
+from vsr2.diagnosis.posterior.parameters import Parameters, fit_parameters, nearest_of_prior
 from vsr2.diagnosis.simulated.campaigns import Acting
 from vsr2.effects import library as full_library
 
@@ -91,6 +91,29 @@ def test_sizes_beyond_the_simulated_ones_are_reached() -> None:
         samples = parameters.sample("table_gain", 40 * value * way, draws())[:, 0]
         assert np.median(samples) == pytest.approx(wanted, rel=0.1)
         assert samples.max() <= GAIN.parameters[0].upper
+
+
+def test_samples_keep_to_a_prior_that_lacks_the_null() -> None:
+    """A tilt that catches the rock is 5 to 25 degrees; no catch, 180, is no value of it."""
+    rng = np.random.default_rng(8)
+    catch = full_library()["catch"]
+    slack = catch.parameters[0]
+    values = rng.uniform(slack.lower, slack.upper, 300)
+    way = np.ones(40)
+    seen = 0.1 * values[:, None] * way + rng.standard_normal((300, 40))
+    parameters = fitted(catch, values[:, None], seen)
+    for given, wanted in ((24.0, None), (60.0, slack.upper), (-30.0, slack.lower)):
+        samples = parameters.sample("catch", 0.1 * given * way, draws())[:, 0]
+        assert slack.lower <= samples.min() <= samples.max() <= slack.upper
+        if wanted is not None:
+            assert np.median(samples) == pytest.approx(wanted)
+
+
+def test_a_parameter_beside_another_is_at_its_null_or_within_its_prior() -> None:
+    gap, ends = np.array([-0.2, 0.01, 0.04, 0.1, 0.5]), np.array([0.3, 0.05])
+    for null, least in ((False, 0.05), (True, 0.0)):
+        held = nearest_of_prior(gap, ends, null=null)
+        np.testing.assert_allclose(held, [least, least, 0.05, 0.1, 0.3])
 
 
 def test_residuals_that_are_not_known_have_no_part() -> None:

@@ -159,10 +159,10 @@ class CalibrationSettings(Section):
     resamples: Annotated[int, Strict(), Field(ge=100, le=100_000), RESAMPLES] = INTERVALS.replicates
     """Bootstrap replicates over motions."""
     replicates: Annotated[int, Strict(), Field(ge=1, le=99), REPLICATES] = 5
-    """Simulations of each trial under each set. Each draws placement, motion noise, contact model and
-    what else is uncertain of a set-up, as `vsr2 campaign predict` does, and sets are judged by the
-    probability of overturning. 1: one simulation as the study has it, as in the supplement; where
-    outcomes are chaotic, a set may then win by luck."""
+    """Simulations of each trial under each set. Each draws placement, motion noise, contact model
+    and what else is uncertain of a set-up, as `vsr2 campaign predict` does, and sets are judged by
+    the probability of overturning. 1: one simulation as the study has it, as in the supplement;
+    where outcomes are chaotic, a set may then win by luck."""
     objective: Objective = Objective.MEAN_OF_THREE
     """What the search maximises: `mean_of_three`, of accuracy, precision and recall of the outcomes
     at 0.5; or `log_loss`, of the probabilities, which needs replicates."""

@@ -153,10 +153,10 @@ class Parameters:
             if parameter.secondary:
                 columns.append(ends[0] + np.clip(targets[:, k], 0.0, 1.0) * np.ptp(ends))
             else:
-                size = max(float(np.abs(_distance(parameter, value)).max()), 1e-12)
-                reach = np.append(_distance(parameter, ends), 0.0)
+                gap = _distance(parameter, value)
+                size = max(float(np.abs(gap).max()), 1e-12)
+                gap = nearest_of_prior(targets[:, k] * size, _distance(parameter, ends), 0.0 in gap)
                 with np.errstate(divide="ignore"):
-                    gap = np.clip(targets[:, k] * size, reach.min(), reach.max())
                     columns.append(1 / gap if np.isinf(parameter.null) else parameter.null + gap)
             k += 1
         return np.stack(columns, axis=1)
@@ -168,6 +168,19 @@ class Parameters:
 def _distance(parameter: Parameter, value: Array) -> Array:
     """From the null; of an infinite null the inverse of the value."""
     return 1 / value if np.isinf(parameter.null) else value - parameter.null
+
+
+def nearest_of_prior(gap: Array, ends: Array, null: bool) -> Array:
+    """Distances from the null, each at the nearest one that the prior holds.
+
+    Args:
+        gap: distances, shape (n,).
+        ends: of the prior; zero may lie outside.
+        null: whether the null is held too, beside another parameter that acts.
+    """
+    low, high = np.sort(ends)
+    held = np.clip(gap, low, high)
+    return np.where(null & (np.abs(gap) < np.abs(gap - held)), 0.0, held)
 
 
 def fit_parameters(library: Library, campaigns: Campaigns, residuals: Array) -> Parameters:

@@ -54,6 +54,14 @@ def finished_before(folder: Path, trials: int) -> str:
     return f"nothing to do: {folder} holds the finished result of {counted(trials, 'trial')}"
 
 
+def no_draws(folder: Path) -> str:
+    """That `--posterior-draws` wrote no scene, and why."""
+    return (
+        f"no draws of the posterior are written to {folder}: "
+        "nothing is named that a study can state"
+    )
+
+
 def interrupted_calibration(folder: Path) -> str:
     """How much of an interrupted calibration is kept, and how to go on."""
     return f"interrupted; what is finished is kept in {folder}. `--resume` goes on."
