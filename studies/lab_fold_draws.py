@@ -20,23 +20,13 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.special import ndtr
 
+from lab_model import HERE, add_options, lab_model
 from vsr2.analysis.overturning_margin import MARGIN
 from vsr2.analysis.probability import probability_intervals
-from vsr2.campaign import load_campaign
-from vsr2.config import load_study
-from vsr2.diagnosis import Hypotheses
-from vsr2.diagnosis.margins.cause_space import cause_space
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, fold_posteriors, folds_of
 from vsr2.diagnosis.margins.margin_search import scene_margins
-from vsr2.diagnosis.margins.outcome_model import OutcomeModel
-from vsr2.diagnosis.margins.session_steps import session_steps
-from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
-from vsr2.diagnosis.protocol_cache import SIMULATIONS
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.results.atomic import csv_text, write_text
 
-HERE = Path(__file__).resolve().parent
 CANDIDATES = 4096
 """Draws of the nuisances, of which the one most alike is taken."""
 Array = NDArray[np.float64]
@@ -51,35 +41,16 @@ def alike(nuisances: Array, candidates: Array, weights: Array) -> list[int]:
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--campaign", type=Path, default=HERE.parent / "out" / "lab")
-    parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
-    parser.add_argument("--cache", type=Path, default=HERE.parent / "out" / "lab_several_causes")
+    add_options(parser)
     parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "lab_fold_draws.csv")
-    parser.add_argument("--scenes", type=int, default=SCENES.usual)
     parser.add_argument("--draws", type=int, default=32)
-    parser.add_argument("--threads", type=int, default=2)
-    parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    campaign = load_campaign(options.campaign).with_motion()
-    asked = Hypotheses(exclude=["base_slope"], contact_family=())
-    simulator = SceneSimulator(
-        campaign, load_study(options.scene), hypotheses=asked, threads=options.threads,
-        seed=options.seed,
-    )  # fmt: skip
-    space = cause_space(simulator.library, simulator.excluded)
-    motions, overturned = np.asarray(campaign.motion_ids), campaign.overturned > 0
-    sessions = [trial.session for trial in campaign.trials]
-    steps = session_steps(space, campaign.relative_order, sessions, simulator.excluded)
-    count = len(simulator.nuisance_names)
-    with SimulationCache(simulator, options.cache / SIMULATIONS) as cache:
-        scenes = simulate_scenes(
-            cache, space, overturned, motions, options.scenes, seed=options.seed
-        )
-        emulator = scenes.known().emulator(space)
-        model = OutcomeModel(steps.together, emulator, overturned, motions, count, steps=steps)
+    with lab_model(options) as lab:
+        campaign, model, cache = lab.campaign, lab.outcomes, lab.cache
+        emulator, overturned, count = model.emulator, model.overturned, model.nuisances
         fold = folds_of(model)
         emulated, simulated = np.full((2, overturned.size), np.nan)
-        candidates = np.stack([simulator.nuisance_draw(k + 1) for k in range(CANDIDATES)])
+        candidates = np.stack([lab.simulator.nuisance_draw(k + 1) for k in range(CANDIDATES)])
         rng, differences = np.random.default_rng([options.seed, options.draws]), []
         models = dict.fromkeys(np.unique(fold).tolist(), model)
         posteriors = fold_posteriors(

@@ -1,90 +1,141 @@
 """Predictions for the laboratory's second specimen, written before its outcomes are looked at.
 
-    vsr2 campaign import-lab SOURCE --out out/lab
     vsr2 campaign import-lab SOURCE --out out/lab_sp2 --specimen SP2
-    python studies/lab_second_specimen.py [--replicates N] [--threads N]
+    python studies/lab_several_causes.py --seed N --out OUT
+    python studies/lab_second_specimen.py --seed N --cache OUT [--draws N] [--threads N]
 
-Both specimens stood on the table in every test. What belongs to the table comes from the outcomes
-of SP1: how far each record is to be believed, by how much the real motion is stronger, and the
-scatter about that. What belongs to a specimen (turn, lean, dissipation, friction) keeps its prior:
-margins are averaged over its draws, evenly, for SP1 as for SP2. The same rule predicts SP1 out of
-fold, which tells what to expect. Writes OUT/predictions.csv, one row a trial of SP2 with a motion,
-and OUT/expected.csv, the rule's scores on SP1.
+Both specimens stood on the table in every test. The posterior of what acts in the campaign of SP1
+is drawn from. What acts on the motion, the strength of the motion and the scatter of margins are
+the table's and the protocol's: they are kept. Of the specimen's own causes it is kept that they
+act, for both specimens were set up by the same hands; their values are drawn from their priors
+again, and so are the nuisances. What comes in at a session is left out. The margins of SP2 are
+simulated with what acts in each draw.
+
+The same rule predicts SP1, by its emulator and with posteriors of the other motions, which tells
+what to expect. Writes OUT/predictions.csv, one row a trial of SP2 with a motion, and
+OUT/expected.csv, the rule's scores on SP1.
 """
 
 from __future__ import annotations
 
 import argparse
 import hashlib
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.special import ndtr
 
-from lab_margins import CHANNELS, DISSIPATION, STANCE, margins_of
-from vsr2.analysis.overturning_margin import fit_margin_model, out_of_fold_probability
+from lab_model import ASKED, HERE, LabModel, add_options, lab_model
+from vsr2.analysis.overturning_margin import MARGIN
 from vsr2.analysis.probability import PROBABILITY_SCORES, probability_intervals
-from vsr2.diagnosis.prediction import PREDICTION, Prediction
+from vsr2.campaign import load_campaign
+from vsr2.config import load_study
+from vsr2.diagnosis.margins.acting_posterior import sample_posterior
+from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, fold_posteriors, folds_of
+from vsr2.diagnosis.margins.margin_search import scene_margins
+from vsr2.diagnosis.margins.outcome_model import Particles
+from vsr2.diagnosis.protocol_cache import SIMULATIONS
+from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.results.atomic import csv_text, write_text
 
-PRIORS = (*STANCE, *DISSIPATION)
-"""Those of the rule when its predictions were written down."""
-HERE = Path(__file__).resolve().parent
 OUT = HERE.parent / "out"
+OF_TABLE = "actuation"
+"""Stage of the effects that act on the motion."""
+PILOT = 8
+"""Draws whose margins are sought first; their median is the guess for the others."""
+Array = NDArray[np.float64]
 
 
-def by_record(found: Prediction) -> NDArray[np.float64]:
-    """Mean margin under each record, NaN where every simulation failed, shape (records, trials)."""
-    assert found.margins is not None
-    count = len(CHANNELS)
-    return np.stack([np.nanmean(found.margins[k::count], axis=0) for k in range(count)])
+def carried_over(lab: LabModel, found: Particles, rng: np.random.Generator) -> Particles:
+    """Draws for another specimen on the same table, without what comes in at a session."""
+    space = lab.space
+    table = np.array([space.library[name].stage == OF_TABLE for name in space.names])
+    own = found.points[:, : len(space.coordinates)]
+    fresh = np.where(table[space.effect_of], own, space.draw(len(found), rng))
+    acts = np.column_stack([found.acts[:, : len(space.names)], found.acts[:, -1]])
+    nuisances = rng.standard_normal(found.nuisances.shape)
+    return replace(found, points=fresh, acts=acts, nuisances=nuisances)
+
+
+def expected_of_first(lab: LabModel, options: argparse.Namespace) -> Array:
+    """What the rule predicts of SP1, without the motions that are predicted, shape (trials,)."""
+    fold = folds_of(lab.outcomes)
+    models = dict.fromkeys(np.unique(fold).tolist(), lab.outcomes)
+    posteriors = fold_posteriors(
+        models, fold, HELD_OUT_CAUSES.everything, options.seed, options.threads
+    )
+    p, rng = np.full(fold.size, np.nan), np.random.default_rng([options.seed, 1])
+    for k, found in posteriors.items():
+        rows = np.flatnonzero(fold == k)
+        p[rows] = lab.without_steps.probability(carried_over(lab, found, rng), rows)
+    return p
+
+
+def margins_of_second(lab: LabModel, drawn: Particles, options: argparse.Namespace) -> Array:
+    """Margins of the trials of SP2 with what acts in each draw, shape (draws, trials)."""
+    campaign = load_campaign(options.second).with_motion()
+    simulator = SceneSimulator(
+        campaign, load_study(options.second_scene), hypotheses=ASKED, threads=options.threads,
+        seed=options.seed,
+    )  # fmt: skip
+    given = [
+        (k + 1, lab.space.effects(point, acts[:-1]))
+        for k, (point, acts) in enumerate(zip(drawn.points, drawn.acts, strict=True))
+    ]
+    with SimulationCache(simulator, options.out / SIMULATIONS) as cache:
+        shape = (len(given), len(campaign))
+        every, guess = np.ones(shape, dtype=bool), np.zeros(shape)
+        first = scene_margins(cache, given[:PILOT], guess[:PILOT], every[:PILOT])
+        guess[:] = np.nanmedian(first, axis=0)
+        rest = scene_margins(cache, given[PILOT:], guess[PILOT:], every[PILOT:])
+        print(f"{cache.simulated} simulations of SP2")
+    return np.concatenate([first, rest])
 
 
 def main() -> None:
     """Predict."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--first", type=Path, default=OUT / "lab")
+    add_options(parser)
     parser.add_argument("--second", type=Path, default=OUT / "lab_sp2")
-    parser.add_argument("--first-simulations", type=Path, default=OUT / "lab_first_specimen")
+    parser.add_argument("--second-scene", type=Path, default=HERE / "lab_second_specimen.yaml")
     parser.add_argument("--out", type=Path, default=OUT / "lab_second_specimen")
-    parser.add_argument("--replicates", type=int, default=24)
-    parser.add_argument("--threads", type=int, default=1)
+    parser.add_argument("--draws", type=int, default=48)
     options = parser.parse_args()
-    drawn = {"replicates": options.replicates, "threads": options.threads, "priors": PRIORS}
-    first = margins_of(
-        options.first, HERE / "lab_diagnosis.yaml", options.first_simulations, **drawn
-    )[0]
-    second = margins_of(
-        options.second, HERE / "lab_second_specimen.yaml", options.out / "simulations", **drawn
-    )[0]
-    seen = first.campaign
-    model = fit_margin_model(by_record(first), seen.overturned, seen.motion_ids)
-    shares = model.weights or (1 / len(CHANNELS),) * len(CHANNELS)
-    for channel, share in zip(CHANNELS, shares, strict=True):
-        print(f"weight of {channel}: {share:.2f}")
-    print(f"bias {model.bias:+.3f}, scatter {model.scatter:.3f}")
-    p = model.probability(by_record(second))
+    options.out.mkdir(parents=True, exist_ok=True)
+    with lab_model(options) as lab:
+        seen, rng = lab.campaign, np.random.default_rng([options.seed, 0])
+        scores = probability_intervals(
+            seen.overturned > 0, expected_of_first(lab, options), seen.motion_ids
+        )
+        expected: list[dict[str, Any]] = [
+            {"score": name, "value": scores[name].value, "low": scores[name].low,
+             "high": scores[name].high}
+            for name in PROBABILITY_SCORES
+        ]  # fmt: skip
+        write_text(options.out / "expected.csv", csv_text(expected, ".4g"))
+        for row in expected:
+            print("SP1, out of fold, {score}: {value:.3f} [{low:.3f}, {high:.3f}]".format(**row))
+        everything = sample_posterior(
+            lab.outcomes, np.arange(len(seen)), rng, particles=HELD_OUT_CAUSES.everything
+        ).particles
+        chosen = everything.taken(rng.choice(len(everything), options.draws, replace=False))
+        drawn = carried_over(lab, chosen, rng)
+        margins = margins_of_second(lab, drawn, options)
+        margins -= lab.without_steps.log_strength(drawn)[:, None]
+        reach = np.hypot(*lab.without_steps.scatter(drawn))[:, None]
+    p = (1 - MARGIN.lapse) * np.nanmean(ndtr(-margins / reach), axis=0) + 0.5 * MARGIN.lapse
     rows = [
         {"trial": trial.trial, "probability": f"{q:.4f}", "overturns": int(q > 0.5)}
-        for trial, q in zip(second.campaign.trials, p, strict=True)
+        for trial, q in zip(load_campaign(options.second).with_motion().trials, p, strict=True)
     ]
     text = csv_text(rows)
     write_text(options.out / "predictions.csv", text)
     print(f"{int((p > 0.5).sum())} of {len(p)} trials of SP2 overturn; {p.sum():.1f} expected")
     print(f"SHA-256 of predictions.csv: {hashlib.sha256(text.encode()).hexdigest()}")
-    out_of_fold = out_of_fold_probability(
-        by_record(first), seen.overturned, seen.motion_ids, PREDICTION.folds
-    )
-    scores = probability_intervals(seen.overturned == 1, out_of_fold, seen.motion_ids)
-    expected: list[dict[str, Any]] = [
-        {"score": name, "value": scores[name].value, "low": scores[name].low,
-         "high": scores[name].high}
-        for name in PROBABILITY_SCORES
-    ]  # fmt: skip
-    write_text(options.out / "expected.csv", csv_text(expected, ".4g"))
-    for row in expected:
-        print("SP1, out of fold, {score}: {value:.3f} [{low:.3f}, {high:.3f}]".format(**row))
 
 
 if __name__ == "__main__":

@@ -17,49 +17,25 @@ from pathlib import Path
 
 import numpy as np
 
-from vsr2.campaign import load_campaign
-from vsr2.config import load_study
-from vsr2.diagnosis import Hypotheses
+from lab_model import HERE, add_options, lab_model
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
-from vsr2.diagnosis.margins.cause_space import cause_space
 from vsr2.diagnosis.margins.margin_search import scene_margins
-from vsr2.diagnosis.margins.outcome_model import OutcomeModel
-from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
-from vsr2.diagnosis.protocol_cache import SIMULATIONS
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.results.atomic import csv_text, write_text
 
-HERE = Path(__file__).resolve().parent
 BINS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0)
 
 
 def main() -> None:
     """Judge what is stated."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--campaign", type=Path, default=HERE.parent / "out" / "lab")
-    parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
-    parser.add_argument("--cache", type=Path, default=HERE.parent / "out" / "lab_several_causes")
+    add_options(parser)
     parser.add_argument("--out", type=Path, default=HERE.parent / "out" / "planted_causes.csv")
     parser.add_argument("--campaigns", type=int, default=20)
-    parser.add_argument("--scenes", type=int, default=SCENES.usual)
-    parser.add_argument("--threads", type=int, default=1)
-    parser.add_argument("--seed", type=int, default=0)
     options = parser.parse_args()
-    campaign = load_campaign(options.campaign).with_motion()
-    asked = Hypotheses(exclude=["base_slope"], contact_family=())
-    simulator = SceneSimulator(
-        campaign, load_study(options.scene), hypotheses=asked, threads=options.threads
-    )
-    space = cause_space(simulator.library, simulator.excluded)
-    motions = np.asarray(campaign.motion_ids)
-    overturned, rng = campaign.overturned > 0, np.random.default_rng(options.seed)
+    rng = np.random.default_rng(options.seed)
     stated, true = [], []
-    with SimulationCache(simulator, options.cache / SIMULATIONS) as cache:
-        scenes = simulate_scenes(cache, space, overturned, motions, options.scenes)
-        emulator = scenes.known().emulator(space)
-        nuisances = len(simulator.nuisance_names)
-        model = OutcomeModel(space, emulator, overturned, motions, nuisances)
+    with lab_model(options) as lab:
+        model, space, cache = lab.without_steps, lab.space, lab.cache
         drawn = model.draw(options.campaigns, rng)
         guess = model.margins(drawn)[0] + model.log_strength(drawn)[:, None]
         planted = [
@@ -67,7 +43,7 @@ def main() -> None:
             for k in range(options.campaigns)
         ]
         margins = scene_margins(cache, planted, guess, np.ones_like(guess, dtype=bool))
-    _, motion = np.unique(motions, return_inverse=True)
+    _, motion = np.unique(model.motions, return_inverse=True)
     by_motion, by_trial = model.scatter(drawn)
     for k, own in enumerate(margins):
         own = np.where(np.isnan(own), guess[k], own) - model.log_strength(drawn)[k]

@@ -1,0 +1,85 @@
+"""The outcome model of `lab_several_causes.py`, made again from what it simulated."""
+
+from __future__ import annotations
+
+import argparse
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+
+from vsr2.campaign import Campaign, load_campaign
+from vsr2.config import load_study
+from vsr2.diagnosis import Hypotheses
+from vsr2.diagnosis.margins.cause_space import CauseSpace, cause_space
+from vsr2.diagnosis.margins.outcome_model import OutcomeModel
+from vsr2.diagnosis.margins.session_steps import session_steps
+from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
+from vsr2.diagnosis.protocol_cache import SIMULATIONS
+from vsr2.diagnosis.simulated.cache import SimulationCache
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+
+HERE = Path(__file__).resolve().parent
+ASKED = Hypotheses(exclude=["base_slope"], contact_family=())
+"""As `lab_several_causes.py` asks."""
+
+
+@dataclass(frozen=True, eq=False)
+class LabModel:
+    """Of the laboratory's trials with a motion.
+
+    Attributes:
+        campaign: these trials.
+        simulator: of the scene.
+        space: of the effects whose margins are simulated.
+        outcomes: model of outcomes with these, with and without what comes in at a session.
+        without_steps: the latter.
+        cache: of simulations.
+    """
+
+    campaign: Campaign
+    simulator: SceneSimulator
+    space: CauseSpace
+    outcomes: OutcomeModel
+    without_steps: OutcomeModel
+    cache: SimulationCache
+
+
+def add_options(parser: argparse.ArgumentParser) -> None:
+    """What says which search is meant."""
+    parser.add_argument("--campaign", type=Path, default=HERE.parent / "out" / "lab")
+    parser.add_argument("--scene", type=Path, default=HERE / "lab_diagnosis.yaml")
+    parser.add_argument("--cache", type=Path, default=HERE.parent / "out" / "lab_several_causes")
+    parser.add_argument("--scenes", type=int, default=SCENES.usual)
+    parser.add_argument("--threads", type=int, default=2)
+    parser.add_argument("--seed", type=int, default=0)
+
+
+@contextmanager
+def lab_model(options: argparse.Namespace) -> Iterator[LabModel]:
+    """The model of a search; nothing is simulated that it simulated."""
+    campaign = load_campaign(options.campaign).with_motion()
+    simulator = SceneSimulator(
+        campaign, load_study(options.scene), hypotheses=ASKED, threads=options.threads,
+        seed=options.seed,
+    )  # fmt: skip
+    space = cause_space(simulator.library, simulator.excluded)
+    motions, overturned = np.asarray(campaign.motion_ids), campaign.overturned > 0
+    sessions = [trial.session for trial in campaign.trials]
+    steps = session_steps(space, campaign.relative_order, sessions, simulator.excluded)
+    count = len(simulator.nuisance_names)
+    with SimulationCache(simulator, options.cache / SIMULATIONS) as cache:
+        scenes = simulate_scenes(
+            cache, space, overturned, motions, options.scenes, seed=options.seed
+        )
+        emulator = scenes.known().emulator(space)
+        yield LabModel(
+            campaign,
+            simulator,
+            space,
+            OutcomeModel(steps.together, emulator, overturned, motions, count, steps=steps),
+            OutcomeModel(space, emulator, overturned, motions, count),
+            cache,
+        )
