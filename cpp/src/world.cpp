@@ -5,6 +5,18 @@
 #include "foothold.hpp"
 
 namespace vsr2 {
+namespace {
+
+Eigen::Matrix3d turn_about_y(double sine, double cosine) {
+  Eigen::Matrix3d turn;
+  turn << cosine, 0, sine, 0, 1, 0, -sine, 0, cosine;
+  return turn;
+}
+
+// The same bits as of a pitch of zero: one of its zeros is negative.
+const Eigen::Matrix3d kLevel = turn_about_y(0.0, 1.0);
+
+}  // namespace
 
 Eigen::Vector3d pitch_axis(const PedestalSpec& pedestal, const PedestalState& state) {
   return {pedestal.p_WP0.x() + state.position, pedestal.p_WP0.y() + state.excursion.transverse,
@@ -16,17 +28,15 @@ PedestalMotion pedestal_motion(const PedestalSpec& pedestal, const PedestalState
   const double arm = pedestal.p_WP0.z() - pedestal.pitch_pivot;
   const Excursion& x = state.excursion;
   const Excursion& rate = state.excursion_rate;
-  // Most pedestals never pitch.
-  const double sine = x.pitch == 0 ? 0.0 : std::sin(x.pitch);
-  const double cosine = x.pitch == 0 ? 1.0 : std::cos(x.pitch);
-  PedestalMotion motion;
-  motion.p_WP = pedestal.p_WP0 + Eigen::Vector3d(state.position + arm * sine, x.transverse,
-                                                 x.vertical + arm * (cosine - 1.0));
-  motion.R_WP << cosine, 0, sine, 0, 1, 0, -sine, 0, cosine;
-  motion.v_WP = {state.velocity + arm * cosine * rate.pitch, rate.transverse,
-                 rate.vertical - arm * sine * rate.pitch};
-  motion.w_WP = {0, rate.pitch, 0};
-  return motion;
+  const bool level = x.pitch == 0;  // most pedestals never pitch
+  const double sine = level ? 0.0 : std::sin(x.pitch);
+  const double cosine = level ? 1.0 : std::cos(x.pitch);
+  return {.p_WP = pedestal.p_WP0 + Eigen::Vector3d(state.position + arm * sine, x.transverse,
+                                                   x.vertical + arm * (cosine - 1.0)),
+          .R_WP = level ? kLevel : turn_about_y(sine, cosine),
+          .v_WP = {state.velocity + arm * cosine * rate.pitch, rate.transverse,
+                   rate.vertical - arm * sine * rate.pitch},
+          .w_WP = {0, rate.pitch, 0}};
 }
 
 void require_rock(bool has_rock) {
