@@ -148,6 +148,18 @@ def test_no_two_modules_share_a_name() -> None:
     assert {stem for stem in stems if stems.count(stem) > 1} == set()
 
 
+def test_no_two_files_of_the_core_and_its_binding_share_a_name() -> None:
+    folders = ("cpp", "python/bindings", "tests/cpp")
+    names = [
+        path.name
+        for folder in folders
+        for path in (ROOT / folder).rglob("*")
+        if path.suffix in (".cpp", ".hpp")
+    ]
+    assert "scene_parts.cpp" in names
+    assert {name for name in names if names.count(name) > 1} == set()
+
+
 EQUAL_CLASS_NAMES = {
     # What a bench measures in a trial, of either engine: blind/mujoco imports nothing of VSR2.
     "Response": {"effects/effect.py", "blind/mujoco/mujoco_trial.py"},
