@@ -157,12 +157,6 @@ def test_a_check_is_scored_and_its_targets_follow(tmp_path, capsys) -> None:
 def test_what_was_published_can_be_read(folder) -> None:
     keys = sorted(folder.glob("key*.json.gz"))
     campaigns = [read_key(folder, number)["campaigns"] for number in range(1, 1 + len(keys))]
-    if not list(folder.glob("verdicts*.json.gz")):
-        # Of the first round no diagnoses are kept.
-        assert folder.name == "blind_validation"
-        with pytest.raises(BlindError, match="holds no verdicts"):
-            read_parts(folder)
-        return
     for sealed, cases in zip(campaigns, read_parts(folder), strict=True):
         assert {case.id for case in cases} == set(sealed)
     assert set(read_gz(folder / RECORD)) == {"scores", "rates", "leaks", "packs", "submissions"}
@@ -171,10 +165,7 @@ def test_what_was_published_can_be_read(folder) -> None:
 @pytest.mark.parametrize("folder", sorted(p.parent for p in RESULTS.glob("blind_*/key1.json.gz")))
 def test_of_a_round_no_more_is_kept_than_what_it_is_computed_from(folder) -> None:
     kept = {re.sub(r"\d+", "N", path.name) for path in folder.iterdir()}
-    allowed = {"README.md", "keyN.json.gz", "verdictsN.json.gz", RECORD}
-    # The first round's diagnoses were not kept: its published scores stand in for them.
-    first = {"README.md", "keyN.json.gz", "scores.json.gz"}
-    assert kept == (first if folder.name == "blind_validation" else allowed)
+    assert kept == {"README.md", "keyN.json.gz", "verdictsN.json.gz", RECORD}
 
 
 def test_the_documented_tables_are_those_of_the_study() -> None:
