@@ -113,6 +113,10 @@ struct Word<FastRefusal> {
   static constexpr char name[] = "FastRefusal";
 };
 template <>
+struct Word<Fault> {
+  static constexpr char name[] = "Fault";
+};
+template <>
 struct Word<Handover> {
   static constexpr char name[] = "HandOver";
 };

@@ -37,18 +37,6 @@ std::string written(std::initializer_list<py::ssize_t> shape) {
   return (shape.size() == 1 ? out : out.substr(0, out.size() - 2)) + ")";
 }
 
-/// What an error is about, in the words of vsr2.errors.Fault.
-constexpr std::pair<Fault, const char*> kFaults[] = {{Fault::bad_value, "bad_value"},
-                                                     {Fault::drive, "drive"},
-                                                     {Fault::engine_domain, "engine_domain"},
-                                                     {Fault::no_rock, "no_rock"},
-                                                     {Fault::rock_present, "rock_present"}};
-const char* word(Fault fault) {
-  return std::find_if(std::begin(kFaults), std::end(kFaults), [&](const auto& one) {
-           return one.first == fault;
-         })->second;
-}
-
 }  // namespace
 
 py::array vsr2::binding::taken_array(const py::object& given, const char* name, Elements elements,
@@ -78,15 +66,21 @@ PYBIND11_MODULE(_native, m) {
   m.doc() = "Native core of VSR2.";
   static const py::handle invalid_input =
       py::exception<InvalidInput>(m, "InvalidInput", PyExc_ValueError).release();
-  py::list faults;
-  for (const auto& one : kFaults) faults.append(one.second);
-  invalid_input.attr("faults") = py::tuple(faults);
+  bind_enum<Fault>(m,
+                   {{"bad_value", Fault::bad_value},
+                    {"geometry", Fault::geometry},
+                    {"motion", Fault::motion},
+                    {"drive", Fault::drive},
+                    {"engine_domain", Fault::engine_domain},
+                    {"acts_already", Fault::acts_already},
+                    {"no_rock", Fault::no_rock},
+                    {"rock_present", Fault::rock_present}});
   py::register_exception_translator([](std::exception_ptr pointer) {
     try {
       if (pointer) std::rethrow_exception(pointer);
     } catch (const InvalidInput& error) {
       const py::object raised = invalid_input(error.what());
-      raised.attr("fault") = word(error.fault());
+      raised.attr("fault") = error.fault();
       PyErr_SetObject(invalid_input.ptr(), raised.ptr());
     }
   });

@@ -184,8 +184,8 @@ void bind_result(py::module_& m) {
            "State log, columns state_columns(); may be taken once.")
       .def("take_excursions",
            [](TrialResult& r) { return adopt(std::move(r.excursions), kExcursionColumns); },
-           "Transverse and vertical displacement [m], pitch [rad]: one row a row of the state log, or none "
-           "where the pedestal moved along x; may be taken once.")
+           "Columns excursion_columns(): one row a row of the state log, or none where the pedestal moved "
+           "along x; may be taken once.")
       .def("take_contacts",
            [](TrialResult& r) { return adopt(std::move(r.contacts), kContactColumns); },
            "Contact log, columns contact_columns(); may be taken once.");
@@ -250,6 +250,7 @@ void bind_column_lists(py::module_& m) {
       .def_readonly("vector", &C::vector, "Of which it is a component; empty: of none.")
       .def_readonly("quantity", &C::quantity, "Description without the component, of a column of a log.");
   bind_columns(m, "state_columns", kStateLog);
+  bind_columns(m, "excursion_columns", kExcursionLog);
   bind_columns(m, "contact_columns", kContactLog);
   m.def("result_columns", [columns = result_columns(m)] { return columns; },
         "What running a trial gives in its row.");

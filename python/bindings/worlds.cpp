@@ -78,7 +78,7 @@ void bind_readings(py::class_<RecordedWorld>& bound) {
                                const Excursion x = world.pedestal().excursion;
                                return std::make_tuple(x.transverse, x.vertical, x.pitch);
                              },
-                             "Transverse and vertical displacement [m], pitch [rad].")
+                             "Columns excursion_columns().")
       .def_property_readonly("rock",
                              [](const RecordedWorld& world) {
                                const RockState s = world.rock();

@@ -6,9 +6,18 @@ import enum
 import numpy
 import numpy.typing
 import typing
-__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactParameter', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'HandOver', 'HullPart', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'contact_parameters', 'core_constants', 'follow_within_limits', 'result_columns', 'state_columns']
+__all__: list[str] = ['Batch', 'BoxPart', 'Column', 'ContactParameter', 'ContactValues', 'Drive', 'EngineKind', 'EngineMode', 'EngineSettings', 'FastRefusal', 'Fault', 'HandOver', 'HullPart', 'InvalidInput', 'Mechanisms', 'Outcome', 'PedestalSpec', 'PitchSpring', 'RockSpec', 'Samples', 'Scene', 'SettledStart', 'Status', 'TrialResult', 'TrialSpec', 'TrianglesPart', 'World', 'WorldState', 'build_facts', 'combine', 'contact_columns', 'contact_parameters', 'core_constants', 'excursion_columns', 'follow_within_limits', 'result_columns', 'state_columns']
 class InvalidInput(ValueError):
-    faults: typing.ClassVar[tuple] = ('bad_value', 'drive', 'engine_domain', 'no_rock', 'rock_present')
+    pass
+class Fault(enum.StrEnum):
+    acts_already: typing.ClassVar[Fault]
+    bad_value: typing.ClassVar[Fault]
+    drive: typing.ClassVar[Fault]
+    engine_domain: typing.ClassVar[Fault]
+    geometry: typing.ClassVar[Fault]
+    motion: typing.ClassVar[Fault]
+    no_rock: typing.ClassVar[Fault]
+    rock_present: typing.ClassVar[Fault]
 class ContactValues:
     def __init__(self, *, restitution: float, lateral_friction: float, spinning_friction: float, rolling_friction: float, stiffness: float, damping: float) -> None:
         ...
@@ -178,7 +187,7 @@ class World:
     @property
     def excursion(self) -> tuple[float, float, float]:
         """
-        Transverse and vertical displacement [m], pitch [rad].
+        Columns excursion_columns().
         """
     @property
     def hand_over(self) -> HandOver:
@@ -231,7 +240,7 @@ class TrialResult:
         """
     def take_excursions(self) -> numpy.typing.NDArray[numpy.float64]:
         """
-        Transverse and vertical displacement [m], pitch [rad]: one row a row of the state log, or none where the pedestal moved along x; may be taken once.
+        Columns excursion_columns(): one row a row of the state log, or none where the pedestal moved along x; may be taken once.
         """
     def take_log(self) -> numpy.typing.NDArray[numpy.float64]:
         """
@@ -373,6 +382,8 @@ def core_constants() -> dict[str, dict[str, float | int]]:
     """
     Chosen numbers of the core, by what they are of and by name.
     """
+def excursion_columns() -> list[Column]:
+    ...
 def follow_within_limits(*, command: typing.Any, place: typing.SupportsFloat | typing.SupportsIndex, speed: typing.SupportsFloat | typing.SupportsIndex, greatest_speed: typing.SupportsFloat | typing.SupportsIndex, greatest_acceleration: typing.SupportsFloat | typing.SupportsIndex, stiffness: typing.SupportsFloat | typing.SupportsIndex, damping: typing.SupportsFloat | typing.SupportsIndex, time_step: typing.SupportsFloat | typing.SupportsIndex) -> numpy.typing.NDArray[numpy.float64]:
     """
     Displacement, velocity and acceleration of a table with limits that follows a command, shape (3, n).

@@ -3,25 +3,10 @@
 from __future__ import annotations
 
 import os
-from enum import StrEnum
 from typing import NoReturn, Self, overload
 
-
-class Fault(StrEnum):
-    """What an error is about, for code that reacts to it."""
-
-    BAD_VALUE = "bad_value"
-    """A value that nothing can use."""
-    GEOMETRY = "geometry"
-    MOTION = "motion"
-    DRIVE = "drive"
-    """A drive that does not go with motion or pedestal."""
-    ENGINE_DOMAIN = "engine_domain"
-    """An engine that does not take the scene."""
-    ACTS_ALREADY = "acts_already"
-    """An effect that cannot act twice."""
-    NO_ROCK = "no_rock"
-    ROCK_PRESENT = "rock_present"
+# What an error is about, for code that reacts to it.
+from vsr2._native import Fault as Fault
 
 
 class Renamed:
@@ -63,7 +48,7 @@ class Vsr2Error(Exception):
     The text is `file:line: key: message`, without the parts that are empty.
     """
 
-    fault = Fault.BAD_VALUE
+    fault = Fault.bad_value
 
     def __init__(
         self,
@@ -87,13 +72,13 @@ class ConfigError(Vsr2Error):
 class GeometryError(Vsr2Error):
     """A mesh, URDF or body description that cannot be used (names file and remedy)."""
 
-    fault = Fault.GEOMETRY
+    fault = Fault.geometry
 
 
 class MotionError(Vsr2Error):
     """A ground motion that cannot be used (names file, sample or value, and remedy)."""
 
-    fault = Fault.MOTION
+    fault = Fault.motion
 
 
 class SimulationError(Vsr2Error):

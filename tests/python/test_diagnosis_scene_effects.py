@@ -144,7 +144,7 @@ def test_what_cannot_act_twice_is_not_available(shaken, name: str) -> None:
         library={one: effect(one) for one in (name, "inertia")},
     )
     assert set(own.library) == {"inertia"}
-    assert own.unavailable[name].fault is Fault.ACTS_ALREADY
+    assert own.unavailable[name].fault is Fault.acts_already
     assert effect(name).once in str(own.unavailable[name])
     with pytest.raises(DiagnosisError, match=f"nuisance '{name}': .*cannot act twice"):
         simulator(

@@ -187,7 +187,7 @@ def test_what_cannot_act_twice_is_refused(one: Effect, block: Trial) -> None:
         acted(first, one, one.extreme())
     with pytest.raises(ConfigError, match=f"effects.{one.name}: .*{one.once}"):
         one.twice(one.extreme(), one.extreme())
-    assert raised.value.fault is Fault.ACTS_ALREADY
+    assert raised.value.fault is Fault.acts_already
     assert {one.name for one in ONCE} == {
         "base_asperity", "edge_rounding", "support", "table_pitch",
     }  # fmt: skip

@@ -46,7 +46,7 @@ SAMPLES = {
     float: 0.25,
     int: 3,
     str: "wear",
-    Fault: Fault.MOTION,
+    Fault: Fault.motion,
     NAMES: ("catch", "wear"),
 }
 
@@ -161,7 +161,7 @@ def test_every_code_has_a_sentence(code) -> None:
             "its slack lies from 6 to 24 degree, nearly all that its prior allows",
         ),
         (
-            Statement.of(LimitCode.EFFECT_UNAVAILABLE, effect="wear", fault=Fault.DRIVE),
+            Statement.of(LimitCode.EFFECT_UNAVAILABLE, effect="wear", fault=Fault.drive),
             "wear was not looked for, this scene cannot have it: it moves the pedestal beside x",
         ),
         (

@@ -273,11 +273,10 @@ def test_errors_of_the_core_carry_a_code() -> None:
     world = _native.World(scene=native_scene(build_scene(study())), drive=_native.Drive.prescribed)
     with pytest.raises(_native.InvalidInput) as caught:
         world.delete_rock()
-    assert caught.value.fault == "no_rock"
+    assert vars(caught.value) == {"fault": Fault.no_rock}
     with pytest.raises(SimulationError) as reported, refusals("rock"):
         world.delete_rock()
-    assert reported.value.fault is Fault.NO_ROCK
-    assert set(Fault) >= set(_native.InvalidInput.faults)
+    assert reported.value.fault is Fault.no_rock
 
 
 def test_samples_are_borrowed_and_given_back() -> None:
@@ -350,7 +349,9 @@ def test_a_motion_is_lent_without_a_copy(copied: Callable[[Motion], Motion]) -> 
         _native.Samples(values=array)
 
 
-@pytest.mark.parametrize("table", ["state_columns", "contact_columns", "result_columns"])
+@pytest.mark.parametrize(
+    "table", ["state_columns", "excursion_columns", "contact_columns", "result_columns"]
+)
 def test_every_column_has_a_unit_a_description_and_a_type(table: str) -> None:
     columns: list[_native.Column] = getattr(_native, table)()
     assert len({column.name for column in columns}) == len(columns)

@@ -23,13 +23,18 @@
 
 namespace vsr2 {
 
-/// What InvalidInput is about, as vsr2.errors.Fault has it.
+/// What an error is about. The list is Python's, too, whose errors may be about any of these; so it
+/// has members that the core never raises.
 enum class Fault {
-  bad_value,          ///< a value that nothing can use
-  drive,          ///< a drive or set-point that does not go with the pedestal
+  bad_value,      ///< a value that nothing can use
+  drive,          ///< a drive or set-point that does not go with motion or pedestal
   engine_domain,  ///< an engine that does not take the scene
   no_rock,
   rock_present,
+  // Of Python alone: it reads the files of bodies and motions, and the core knows no effects.
+  geometry,
+  motion,
+  acts_already,  ///< an effect that cannot act twice
 };
 
 /// Raised for a scene or trial that cannot be simulated; the message names the value.

@@ -133,9 +133,15 @@ inline constexpr std::array<Column, 20> kContactLog{{
     {"lateral_direction_2_y", "1", "second lateral direction", "lateral_direction_2", ", y"},
     {"lateral_direction_2_z", "1", "second lateral direction", "lateral_direction_2", ", z"},
 }};
+/// Columns of a log of Excursion, row by row with the state log.
+inline constexpr std::array<Column, 3> kExcursionLog{{
+    {"transverse", "m", "position of the pedestal along y"},
+    {"vertical", "m", "position of the pedestal along z"},
+    {"pitch", "rad", "turn of the pedestal about y"},
+}};
 inline constexpr int kTime = 0;
 inline constexpr int kLogColumns = kStateLog.size();
-inline constexpr int kExcursionColumns = 3;  ///< as Excursion
+inline constexpr int kExcursionColumns = kExcursionLog.size();
 inline constexpr int kContactColumns = kContactLog.size();
 /// A contact point as a row of kContactLog; `time` [s].
 std::array<double, kContactColumns> contact_row(double time, const ContactPoint& contact);
@@ -161,7 +167,7 @@ struct TrialResult {
                     Eigen::Quaterniond(Eigen::Vector4d::Constant(kNone))};
   Eigen::Vector3d p_B_foot = Eigen::Vector3d::Constant(kNone);  ///< whose travel is the slip [m]
   std::vector<double> log;       ///< rows of kStateLog
-  /// A row of Excursion for each of the log; empty: the pedestal moved along x.
+  /// A row of kExcursionLog for each of the log; empty: the pedestal moved along x.
   std::vector<double> excursions;
   std::vector<double> contacts;  ///< rows of kContactLog
 };

@@ -243,7 +243,7 @@ def _assert_once(one: Effect, trials: Sequence[Trial]) -> None:
         raise SimulationError(
             f"acts already, and cannot act twice: {one.once}; leave one of them out",
             key=f"effects.{one.name}",
-            fault=Fault.ACTS_ALREADY,
+            fault=Fault.acts_already,
         )
 
 

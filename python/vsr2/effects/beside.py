@@ -91,7 +91,7 @@ def _assert_prescribed(trial: Trial) -> None:
         raise SimulationError(
             f"moves the pedestal beside x, which motion.drive: {trial.drive} cannot follow; set "
             "motion.drive to prescribed, or leave the effect out",
-            fault=Fault.DRIVE,
+            fault=Fault.drive,
         )
 
 

@@ -29,9 +29,8 @@ CONTACT_COLUMNS: tuple[str, ...] = tuple(one.name for one in _native.contact_col
 The normal points from the pedestal to the rock, a negative distance is penetration, impulses are
 over one solver step."""
 
-
-EXCURSION_COLUMNS = ("transverse", "vertical", "pitch")
-"""Columns of `TrialLog.excursions`: along y and z [m], about y [rad]."""
+EXCURSION_COLUMNS: tuple[str, ...] = tuple(one.name for one in _native.excursion_columns())
+"""Columns of `TrialLog.excursions`; their units: `_native.excursion_columns()`."""
 
 
 class Derived(NamedTuple):

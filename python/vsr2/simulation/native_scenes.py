@@ -85,7 +85,7 @@ def _built(scene: Scene) -> _native.Scene:
             raise SimulationError(
                 f"engine.mode: fast does not take this scene: {FAST_REFUSALS[refusal]}; "
                 "choose auto or exact",
-                fault=Fault.ENGINE_DOMAIN,
+                fault=Fault.engine_domain,
             )
     return native
 
@@ -96,7 +96,7 @@ def refusals(what: str) -> Iterator[None]:
     try:
         yield
     except _native.InvalidInput as error:
-        raise SimulationError(f"{what}: {error}", fault=Fault(vars(error)["fault"])) from error
+        raise SimulationError(f"{what}: {error}", fault=vars(error)["fault"]) from error
 
 
 def _box(part: Box) -> _native.BoxPart:

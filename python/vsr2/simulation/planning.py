@@ -98,19 +98,19 @@ def check_trials(trials: Sequence[Trial]) -> None:
         if motion.is_spatial and trial.drive != "prescribed":
             raise SimulationError(
                 f"motion {motion.name!r} goes beside x; only drive: prescribed follows it",
-                fault=Fault.DRIVE,
+                fault=Fault.drive,
             )
         if scene.pitches and trial.drive != "prescribed":
             raise SimulationError(
                 f"trial {trial.label!r}: the pedestal pitches on a spring; only drive: prescribed "
                 "lets it",
-                fault=Fault.DRIVE,
+                fault=Fault.drive,
             )
         if scene.pitches and motion.pitch is not None:
             raise SimulationError(
                 f"motion {motion.name!r} pitches, and the pedestal pitches on a spring; leave one "
                 "of them out",
-                fault=Fault.DRIVE,
+                fault=Fault.drive,
             )
         size, every = log_bytes(trial, contacts=False), trial.output.log_every
         if size > MAX_LOG_BYTES:
