@@ -47,7 +47,7 @@ NONE_CAN_BE = {"value": None, "ci95": None}
 GAP = {"code": "gap", "values": {"none": 0.01, "limit": 0.3}}
 
 LOW_PGA = location(
-    {"pga": "low"}, "outcome", "outcome", "whole_response", 0.9, 0.004,
+    {"pga": "low"}, "outcome", "outcome", "response", 0.9, 0.004,
     concentration=2.4, trials=["A", "B"],
 )  # fmt: skip
 
@@ -77,9 +77,9 @@ CONTENT = {
     },
     "where": [
         LOW_PGA,
-        location({}, "outcome", "outcome", "whole_response", 0.6, 0.01),
+        location({}, "outcome", "outcome", "response", 0.6, 0.01),
         location(
-            {"pga": "high"}, "outcome", "outcome", "whole_response", 0.5, 0.02, concentration=1.4
+            {"pga": "high"}, "outcome", "outcome", "response", 0.5, 0.02, concentration=1.4
         ),
         location({}, "largest_tilt", "tilt", "strong_shaking", -0.3, 0.5),
     ],
@@ -183,7 +183,7 @@ def named_throughout(name: str) -> Diagnosis:
     measure = CONTENT["next_measurement"] | {"repetition": repetition, "splits": [name, "wear"]}
     measure["others"] = [{"name": name, "instrument": "slack", "repetition": repetition}]
     there = location(
-        {"pga": name, "pgv_pga": name}, name, name, "whole_response", 0.6, 0.01, trials=[name]
+        {"pga": name, "pgv_pga": name}, name, name, "response", 0.6, 0.01, trials=[name]
     )
     measure["out_of_library"] = {"trial": name, "tier": "M", "location": there}
     content = CONTENT | {

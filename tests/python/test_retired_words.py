@@ -60,6 +60,10 @@ NAMES = {
 """Files in which a name may hold an ordinary word."""
 
 
+CODE = re.compile(r"[a-z]+(?:_[a-z0-9]+)+")
+"""A text of several words without a space: a code or a key."""
+
+
 def sources(*ends: str) -> Iterator[Path]:
     for found in (ROOT.glob("*.md"), *((ROOT / folder).rglob("*") for folder in FOLDERS)):
         for path in sorted(found):
@@ -70,19 +74,39 @@ def sources(*ends: str) -> Iterator[Path]:
 
 
 def names_of(path: Path) -> Iterator[str]:
-    """Names in a source: of variables, arguments, attributes, functions, classes."""
+    """Names in a source: of variables, arguments, attributes, functions, classes, codes, keys."""
     text = path.read_text(encoding="utf-8")
+    if path.suffix == ".toml":
+        yield from re.findall(r"^\[?([\w.]+)(?:\]| *=)", text, re.MULTILINE)
+        return
     if path.suffix != ".py":
-        yield from re.findall(r"\b[A-Za-z_]\w*", re.sub(r"//[^\n]*|\"[^\"\n]*\"", "", text))
+        text = re.sub(r"//[^\n]*", "", text)
+        yield from filter(CODE.fullmatch, re.findall(r"\"([^\"\n]*)\"", text))
+        yield from re.findall(r"\b[A-Za-z_]\w*", re.sub(r"\"[^\"\n]*\"", "", text))
         return
     for node in ast.walk(ast.parse(text)):
         match node:
+            case ast.Constant(value=str(code)) if CODE.fullmatch(code):
+                yield code
+            case ast.ClassDef(bases=[*bases], body=body) if is_enumeration(bases):
+                yield node.name
+                values = (one.value for one in body if isinstance(one, ast.Assign))
+                parts = (part for value in values for part in ast.walk(value))
+                yield from (
+                    part.value
+                    for part in parts
+                    if isinstance(part, ast.Constant) and isinstance(part.value, str)
+                )
             case ast.Name(id=name) | ast.arg(arg=name) | ast.Attribute(attr=name):
                 yield name
             case ast.FunctionDef(name=name) | ast.ClassDef(name=name):
                 yield name
             case ast.keyword(arg=str(name)):
                 yield name
+
+
+def is_enumeration(bases: list[ast.expr]) -> bool:
+    return any(ast.unparse(base).endswith(("Enum", "Code")) for base in bases)
 
 
 def words_of(name: str) -> set[str]:
@@ -110,10 +134,24 @@ def test_no_file_has_such_a_name() -> None:
     assert [p for p in sources() if words_of(re.sub(r"\W", "_", p.stem)) & retired] == []
 
 
+@pytest.mark.parametrize(
+    ("name", "source"),
+    [
+        ("one.py", 'class Phase(StrEnum):\n    ALL = "whole"\n'),
+        ("two.py", 'PHASE = {"whole_response": 1}\n'),
+        ("three.cpp", 'const char* phase = "whole_response";\n'),
+        ("four.toml", '[phases]\nwhole_response = "response"\n'),
+    ],
+)
+def test_a_word_in_a_code_is_seen(tmp_path: Path, name: str, source: str) -> None:
+    (tmp_path / name).write_text(source)
+    assert any("whole" in words_of(found) for found in names_of(tmp_path / name))
+
+
 def test_words_with_an_ordinary_sense_stand_in_no_other_name() -> None:
     standard = {"shared_ptr", "make_shared", "enable_shared_from_this"}
     found: dict[str, set[str]] = {}
-    for path in sources(".py", ".cpp", ".hpp"):
+    for path in sources(".py", ".cpp", ".hpp", ".toml"):
         for name in set(names_of(path)) - standard:
             if words_of(name) & set(ORDINARY):
                 found.setdefault(name, set()).add(path.name)

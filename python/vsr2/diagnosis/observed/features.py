@@ -65,14 +65,14 @@ class FeatureChannel(StrEnum):
 class Phase(StrEnum):
     """Part of the response, or of the motion, in the order of figures."""
 
-    RESPONSE = "whole_response"
+    RESPONSE = "response"
     UPLIFT = "uplift"
     IMPACTS = "impacts"
     STRONG = "strong_shaking"
     DECAY = "free_decay"
     FALL = "fall"
     REST = "rest_pose"
-    MOTION = "whole_motion"
+    MOTION = "motion"
 
 
 class Feature(NamedTuple):
