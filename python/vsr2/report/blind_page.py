@@ -13,7 +13,7 @@ from vsr2.blind.scoring.baselines import BASELINES
 from vsr2.blind.scoring.cases import Case
 from vsr2.blind.scoring.score import BEST_HIGH, BEST_LOW, SAYING_NOTHING, ScoreCode
 from vsr2.blind.scoring.scored import Scored
-from vsr2.report.messages.scores import SCORES
+from vsr2.report.messages.scores import SCORES, auroc_label
 from vsr2.report.pages import plain, render
 from vsr2.report.panels import save_figure, sheet
 from vsr2.report.text import as_markdown, markdown_table
@@ -89,7 +89,7 @@ def _shown(code: ScoreCode, column: str, own: Mapping[ScoreCode, Score]) -> Scor
 
 
 def _rates(rates: Mapping[str, Score]) -> str:
-    rows = [(f"AUROC, {kind} or single", _cell(score)) for kind, score in rates.items()]
+    rows = [(auroc_label(kind), _cell(score)) for kind, score in rates.items()]
     return markdown_table(("score", "value"), rows)
 
 

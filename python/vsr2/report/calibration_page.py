@@ -22,6 +22,7 @@ from vsr2.config.extended import Plain
 from vsr2.errors import MotionError
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
 from vsr2.report.messages.agreement import FITTED, IDENTIFIABILITY
+from vsr2.report.messages.figure_titles import CALIBRATION_CAPTIONS
 from vsr2.report.messages.runs import compatible_values, no_baselines, optimism_note
 from vsr2.report.pages import render
 from vsr2.report.panels import legend_below, scale_axis, scale_where_wide, sheet, write_page
@@ -44,13 +45,11 @@ def write_calibration_report(result: CalibrationResult, folder: str | Path) -> l
     Raises:
         ResultError: one cannot be written.
     """
-    drawn = {
-        "profiles": (profile_figure(result), "Profiles of the parameters."),
-        "search": (search_figure(result), "The search and the comparison."),
-    }
+    figures = {"profiles": profile_figure(result), "search": search_figure(result)}
     diagram = prediction_figure(result)
     if diagram is not None:
-        drawn["predictions"] = (diagram, "Predicted and observed outcomes.")
+        figures["predictions"] = diagram
+    drawn = {name: (figure, CALIBRATION_CAPTIONS[name]) for name, figure in figures.items()}
     return write_page(folder, drawn, partial(calibration_page, result))
 
 

@@ -14,7 +14,7 @@ from vsr2.fragility.run import FragilityResult
 from vsr2.fragility.settings import MEASURE_LABELS
 from vsr2.one_line import counted
 from vsr2.report.figures import BLACK, BLUE, GREY, ORANGE, SKY, VERMILION
-from vsr2.report.messages.figure_titles import curve_title
+from vsr2.report.messages.figure_titles import FRAGILITY_CAPTIONS, curve_caption, curve_title
 from vsr2.report.messages.runs import fit_caveats, fit_note
 from vsr2.report.pages import render
 from vsr2.report.panels import legend_below, scale_where_wide, sheet, write_page
@@ -47,14 +47,15 @@ def write_fragility_report(result: FragilityResult, folder: str | Path) -> list[
     Raises:
         ResultError: one cannot be written.
     """
-    drawn = {"overturning": (overturning_figure(result), "Overturning diagram")}
+    captions = FRAGILITY_CAPTIONS
+    drawn = {"overturning": (overturning_figure(result), captions["overturning"])}
     for name in result.curves:
-        text = f"Fragility in {MEASURE_LABELS[name]}"
-        drawn[f"curve_{name}"] = (curve_figure(result, name), text)
+        caption = curve_caption(MEASURE_LABELS[name])
+        drawn[f"curve_{name}"] = (curve_figure(result, name), caption)
     if result.surface is not None:
-        drawn["surface"] = (surface_figure(result), "Fragility surface")
+        drawn["surface"] = (surface_figure(result), captions["surface"])
     if result.azimuth_curves:
-        drawn["azimuth"] = (azimuth_figure(result), "Fragility against azimuth")
+        drawn["azimuth"] = (azimuth_figure(result), captions["azimuth"])
     return write_page(folder, drawn, partial(fragility_page, result))
 
 

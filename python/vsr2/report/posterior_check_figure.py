@@ -11,6 +11,7 @@ from vsr2.diagnosis.coverage.coverage_scores import LEVELS, CoverageScores
 from vsr2.diagnosis.posterior.calibration import CALIBRATED
 from vsr2.diagnosis.verdict.document import CHECK_FIGURE
 from vsr2.report.diagnosis_figures import BLUE, GREY, INK, RED
+from vsr2.report.messages.figure_titles import answers_title, ranks_title
 from vsr2.report.panels import legend_below, save_figure, sheet
 
 if TYPE_CHECKING:
@@ -51,7 +52,7 @@ def check_figure(found: PosteriorCheck) -> Figure:
 
 def _ranks(panel: Axes, scores: CoverageScores) -> None:
     """Share of ranks up to each value, less what uniform ranks have."""
-    panel.set_title(f"ranks of true values ({len(scores.parameters)} parameters)", fontsize=9)
+    panel.set_title(ranks_title(len(scores.parameters)), fontsize=9)
     for one in scores.not_uniform:
         test, label = one.uniformity, f"{one.effect}.{one.parameter}: not uniform"
         panel.plot(test.points, test.share - test.points, color=RED, linewidth=1, label=label)
@@ -79,17 +80,18 @@ def _coverage(panel: Axes, scores: CoverageScores) -> None:
 
 
 def _reliability(panel: Axes, scores: CoverageScores) -> None:
-    panel.set_title("most probable answer, and 90 % set", fontsize=9)
+    panel.set_title(answers_title(CALIBRATED.coverage), fontsize=9)
     panel.plot([0, 1], [0, 1], "--", color=INK, linewidth=0.8, label="as stated")
     groups = scores.reliability
     _points(
         panel, np.array([one.stated for one in groups]), [one.right for one in groups],
-        BLUE, "most probable answer, by its probability",
+        BLUE, label="most probable answer, by its probability",
     )  # fmt: skip
     level = CALIBRATED.coverage
     _points(
-        panel, np.array([level]), [scores.causes], RED, f"{100 * level:g} % sets of causes", "s"
-    )
+        panel, np.array([level]), [scores.causes], RED, label=f"{100 * level:g} % sets of causes",
+        marker="s",
+    )  # fmt: skip
     panel.set_xlim(-0.03, 1.03)
     panel.set_xlabel("stated [1]")
     panel.set_ylabel("share true [1]")

@@ -1,4 +1,4 @@
-"""What the titles of figures say about results."""
+"""What titles and captions of figures say about results."""
 
 from __future__ import annotations
 
@@ -21,6 +21,32 @@ the interval between rows, 1e-9 s of one of 1 ms."""
 
 EQUAL_MOTION = "actual and commanded motion are equal"
 NO_MEASURES = "no trial has intensity measures"
+CALIBRATION_CAPTIONS: Mapping[str, str] = {
+    "profiles": "Profiles of the parameters.",
+    "search": "The search and the comparison.",
+    "predictions": "Predicted and observed outcomes.",
+}
+FRAGILITY_CAPTIONS: Mapping[str, str] = {
+    "overturning": "Overturning diagram",
+    "surface": "Fragility surface",
+    "azimuth": "Fragility against azimuth",
+}
+"""Captions by the names of figures."""
+
+
+def curve_caption(measure: str) -> str:
+    """What a fragility curve is drawn against."""
+    return f"Fragility in {measure}"
+
+
+def ranks_title(parameters: int) -> str:
+    """Of how many parameters a posterior check ranks true values."""
+    return f"ranks of true values ({counted(parameters, 'parameter')})"
+
+
+def answers_title(level: float) -> str:
+    """What a posterior check judges of causes; `level` is that of the set."""
+    return f"most probable answer, and {100 * level:g} % set"
 
 
 def trials_title(shown: int, left_out: int) -> str:

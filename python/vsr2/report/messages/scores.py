@@ -41,3 +41,8 @@ SCORES: Mapping[Code, str] = {
     Code.UNRESOLVED: "failed or unresolved",
 }
 check_worded(Code, SCORES, __name__)
+
+
+def auroc_label(kind: str) -> str:
+    """Of how well the overturn rate separates a kind of campaigns from single causes."""
+    return f"AUROC, {kind} or single"
