@@ -16,7 +16,7 @@ if TYPE_CHECKING:
     import distributed
 
     from vsr2.config import Study as StudySettings
-    from vsr2.diagnosis import Nuisance
+    from vsr2.diagnosis import Execution, Nuisance
     from vsr2.diagnosis.simulated.nuisances import Distribution
     from vsr2.results import BatchResult
 
@@ -103,6 +103,22 @@ class Again(Protocol):
         """Go on with it."""
 
 
+class Work(Protocol):
+    """Options of a verb that simulates trials of a campaign again."""
+
+    @property
+    def threads(self) -> int | None:
+        """None: all processors."""
+
+    @property
+    def cache(self) -> Path | None:
+        """Folder of simulations; None: they are kept in memory, or in the output folder."""
+
+    @property
+    def quiet(self) -> bool:
+        """No progress."""
+
+
 WHERE = Group("Where trials run (one of)", validator=one_of)
 
 
@@ -175,6 +191,19 @@ def work_folder(folder: Path, own: Sequence[str], what: str, options: Again) -> 
 
     if folder.exists():
         prepare_work_folder(folder, own, what, overwrite=options.overwrite, resume=options.resume)
+
+
+def execution(options: Work, client: distributed.Client | None, verb: str) -> Execution:
+    """How a verb of a diagnosis simulates, what it keeps, and how it reports progress."""
+    from vsr2.diagnosis import Execution, ProtocolCache
+    from vsr2.report.messages.progress_lines import ProgressLines
+
+    return Execution(
+        options.threads,
+        client,
+        None if options.cache is None else ProtocolCache(options.cache),
+        report=None if options.quiet else ProgressLines(verb),
+    )
 
 
 def exit_code(result: BatchResult) -> int:

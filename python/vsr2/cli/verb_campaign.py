@@ -158,21 +158,16 @@ def compare(
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Predicting:
-    """How trials are predicted.
+class Resimulating:
+    """How trials of a campaign are simulated again, and where that is kept.
 
     Attributes:
-        out: folder for tables and simulations (default: nothing is written)
-        replicates: simulations of each trial (default: 16, or one for each scene)
-        margins: seek the factor on the motion at which each replicate overturns, in six times the
-            simulations; outcomes of other motions then give bias and scatter
+        out: folder for tables, scenes and simulations (default: nothing is written)
         seed: of all draws
-        cache: folder of simulations that a diagnosis of the campaign shares
+        cache: folder of simulations that other commands on the campaign share
     """
 
     out: Path | None = None
-    replicates: opt.Integer | None = None
-    margins: bool = False
     nuisance: opt.Nuisances = ()
     seed: opt.Integer = 0
     cache: Path | None = None
@@ -183,6 +178,21 @@ class Predicting:
     set: opt.Settings = ()
     json: opt.Json = False
     quiet: opt.Quiet = False
+
+
+@Parameter(name="*")
+@dataclass(frozen=True)
+class Predicting(Resimulating):
+    """How trials are predicted.
+
+    Attributes:
+        replicates: simulations of each trial (default: 16, or one for each scene)
+        margins: seek the factor on the motion at which each replicate overturns, in six times the
+            simulations; outcomes of other motions then give bias and scatter
+    """
+
+    replicates: opt.Integer | None = None
+    margins: bool = False
 
 
 PREDICTING = Predicting()
@@ -203,11 +213,10 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
     import numpy as np
 
     from vsr2.campaign import load_campaign
-    from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache
+    from vsr2.diagnosis import Hypotheses
     from vsr2.diagnosis import predict as predicted
     from vsr2.diagnosis.prediction import WORK_FILES
     from vsr2.report.messages.commands import prediction_table
-    from vsr2.report.messages.progress_lines import ProgressLines
     from vsr2.report.messages.written import wrote
 
     campaign = load_campaign(folder)
@@ -224,12 +233,7 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
             replicates=options.replicates,
             margins=options.margins,
             hypotheses=Hypotheses(nuisances=opt.nuisances(options.nuisance)),
-            execution=Execution(
-                options.threads,
-                client,
-                None if options.cache is None else ProtocolCache(options.cache),
-                report=None if options.quiet else ProgressLines("campaign predict"),
-            ),
+            execution=opt.execution(options, client, "campaign predict"),
             seed=options.seed,
         )
     if options.json:
@@ -244,35 +248,21 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
 
 @Parameter(name="*")
 @dataclass(frozen=True)
-class Attributing:
+class Attributing(Resimulating):
     """How causes are sought.
 
     Attributes:
-        out: folder for tables, the corrected scene and simulations (default: nothing is written)
         scenes: whose margins are sought (default: 800)
         posterior_draws: write so many scenes with a draw of the posterior each, too; needs --out
         one_contact_model: keep the contact model of the study in all scenes, in place of drawing
             another correct one for each
-        seed: of all draws
-        cache: folder of simulations that other searches of the campaign share
     """
 
-    out: Path | None = None
     scenes: opt.Integer | None = None
     posterior_draws: opt.Integer = 0
     exclude: opt.Excluded = ()
     prior: opt.Priors = ()
-    nuisance: opt.Nuisances = ()
     one_contact_model: bool = False
-    seed: opt.Integer = 0
-    cache: Path | None = None
-    overwrite: opt.Overwrite = False
-    resume: opt.Resume = False
-    threads: opt.Threads = None
-    scheduler: opt.Scheduler = None
-    set: opt.Settings = ()
-    json: opt.Json = False
-    quiet: opt.Quiet = False
 
 
 ATTRIBUTING = Attributing()
@@ -291,12 +281,11 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
         scene: study of the scene
     """
     from vsr2.campaign import load_campaign
-    from vsr2.diagnosis import Execution, Hypotheses, ProtocolCache, find_causes
+    from vsr2.diagnosis import Hypotheses, find_causes
     from vsr2.diagnosis.causes import FILES
     from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
     from vsr2.report.causes_figure import write_causes_figure
     from vsr2.report.messages.found_causes import causes_text
-    from vsr2.report.messages.progress_lines import ProgressLines
     from vsr2.report.messages.written import wrote
 
     if options.posterior_draws and options.out is None:
@@ -318,12 +307,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
                 contact_family=() if options.one_contact_model else CONTACT_FAMILY,
             ),
             posterior_draws=options.posterior_draws,
-            execution=Execution(
-                options.threads,
-                client,
-                None if options.cache is None else ProtocolCache(options.cache),
-                report=None if options.quiet else ProgressLines("campaign causes"),
-            ),
+            execution=opt.execution(options, client, "campaign causes"),
             seed=options.seed,
         )
     if options.out is not None:

@@ -14,10 +14,8 @@ from vsr2.codes import Tier
 from vsr2.errors import ConfigError
 
 if TYPE_CHECKING:
-    from distributed import Client
-
     from vsr2.config import Study
-    from vsr2.diagnosis import Diagnosis, Execution, Hypotheses
+    from vsr2.diagnosis import Diagnosis, Hypotheses
 
 TIME = Group("Time (one of)", validator=one_of)
 
@@ -139,7 +137,7 @@ def diagnose(
                 effort.budget_cpu_minutes,
             ),
             hypotheses=_hypotheses(question),
-            execution=_execution(effort, client),
+            execution=opt.execution(effort, client, "diagnose"),
             seed=question.seed,
         )
 
@@ -190,18 +188,6 @@ def _hypotheses(question: QuestionOptions) -> Hypotheses:
     )
 
 
-def _execution(effort: Effort, client: Client | None) -> Execution:
-    from vsr2.diagnosis import Execution, ProtocolCache
-    from vsr2.report.messages.progress_lines import ProgressLines
-
-    return Execution(
-        effort.threads,
-        client,
-        None if effort.cache is None else ProtocolCache(effort.cache),
-        report=None if effort.quiet else ProgressLines(),
-    )
-
-
 def _check(
     campaign: Path, scene: Path, out: Path, question: QuestionOptions, effort: Effort
 ) -> int:
@@ -219,7 +205,7 @@ def _check(
             planted=effort.check or 0,
             tier=question.tier,
             hypotheses=_hypotheses(question),
-            execution=_execution(effort, client),
+            execution=opt.execution(effort, client, "diagnose"),
         )
     path = write_check_figure(found, out)
     if not effort.quiet:
