@@ -360,7 +360,11 @@ def test_likely_causes_are_chosen_by_the_other_motions(monkeypatch) -> None:
     monkeypatch.setattr(held_out_causes, "grouped_folds", lambda *_: fold)
     outcomes = fold != 1
     model = toy(outcomes, motions)
-    judged = judge_causes(model, (), likely=0.5)
+    shares: list[float] = []
+    judged = judge_causes(model, (), likely=0.5, progress=shares.append)
+    assert len(shares) == 9, "each fold without a cause, with all effects, and with the likely ones"
+    assert shares == sorted(shares)
+    assert shares[-1] == 1.0
     assert set(judged.likely_in) == {0, 1, 2}
     # Without the fold that stood, only a stronger motion or a more slender rock explain the rest.
     assert judged.likely_in[1]

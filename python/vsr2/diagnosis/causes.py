@@ -211,7 +211,9 @@ def find_causes(
     model, as_it_is, work = _modelled(used, simulator, folder, count, execution, seed)
     work |= {"seed": seed, "left_out": len(given) - len(used), "search_time_s": watch.wall_s}
     rng = np.random.default_rng([seed, MarginStream.ACTING])
+    _report(execution, Stage.INFERENCE, 0.0)
     posterior = sample_posterior(model, np.arange(len(used)), rng, particles=SAMPLER.final)
+    _report(execution, Stage.INFERENCE, 1.0)
     acting = acting_share(posterior.particles, model.names)
     likeliest = sorted(model.looked_for, key=lambda name: -acting[name])
     judged = _judged_held_out(model, likeliest, execution, seed)
@@ -308,7 +310,7 @@ def _modelled(
         )  # fmt: skip
         as_it_is = simulate_as_it_is(
             cache, len(used),
-            progress=lambda done, of: _report(execution, Stage.JUDGEMENT, done / of),
+            progress=lambda done, of: _report(execution, Stage.SIMULATION, done / of),
         )  # fmt: skip
         work = {"scenes": scenes, "simulations": cache.asked, "simulated": cache.simulated}
     work["threads"] = usable_threads(execution.threads)

@@ -60,6 +60,7 @@ class Stage(StrEnum):
     JUDGEMENT = "judgement"
     WATERFALL = "waterfall"
     MARGINS = "margins"
+    INFERENCE = "inference"
     PLANTED = "planted"
 
 

@@ -47,17 +47,20 @@ def folds_of(model: OutcomeModel) -> NDArray[np.int64]:
     return grouped_folds(model.motions, model.overturned.astype(np.float64), count)
 
 
-def held_out_probability(model: OutcomeModel, seed: int, threads: int = 1) -> Array:
+def held_out_probability(
+    model: OutcomeModel, seed: int, threads: int = 1, sampled: Callable[[int], None] | None = None
+) -> Array:
     """Of overturning, each motion by what the outcomes of other folds tell, shape (trials,).
 
     Args:
         model: of outcomes.
         seed: of draws; each fold has its own.
         threads: that share the folds; the result does not depend on them.
+        sampled: as of :func:`fold_posteriors`.
     """
     fold = folds_of(model)
     models = dict.fromkeys(np.unique(fold).tolist(), model)
-    found = fold_posteriors(models, fold, HELD_OUT_CAUSES.particles, seed, threads)
+    found = fold_posteriors(models, fold, HELD_OUT_CAUSES.particles, seed, threads, sampled)
     return _probability(models, found, fold)
 
 
@@ -67,6 +70,7 @@ def fold_posteriors(
     particles: int,
     seed: int,
     threads: int,
+    sampled: Callable[[int], None] | None = None,
 ) -> dict[int, Particles]:
     """What acts by the outcomes outside each fold.
 
@@ -76,15 +80,21 @@ def fold_posteriors(
         particles: of each posterior.
         seed: of draws; each fold has its own.
         threads: that share the folds; the result does not depend on them.
+        sampled: called with the particles of a fold, as each is done, in the order of the folds.
     """
 
-    def sampled(k: int) -> Particles:
+    def of_fold(k: int) -> Particles:
         rng = np.random.default_rng([seed, MarginStream.FOLDS, k])
         seen = np.flatnonzero(fold != k)
         return sample_posterior(models[k], seen, rng, particles=particles).particles
 
+    found = {}
     with ThreadPoolExecutor(threads) as pool:
-        return dict(zip(models, pool.map(sampled, models), strict=True))
+        for k, one in zip(models, pool.map(of_fold, models), strict=True):
+            found[k] = one
+            if sampled is not None:
+                sampled(particles)
+    return found
 
 
 def _probability(
@@ -164,20 +174,26 @@ def judge_causes(
         for size in range(len(causes) + 1)
         for chosen in combinations(causes, size)
     ]
-    found: dict[Allowed, Array] = {}
-    for k, allowed in enumerate(choices):
-        found[allowed] = held_out_probability(replace(model, allowed=allowed), seed, threads)
-        if progress is not None:
-            progress((k + 1) / (len(choices) + 1))
     fold = folds_of(model)
     models = dict.fromkeys(np.unique(fold).tolist(), model)
-    posteriors = fold_posteriors(models, fold, HELD_OUT_CAUSES.everything, seed, threads)
+    few, many = HELD_OUT_CAUSES.particles, HELD_OUT_CAUSES.everything
+    total, done = len(models) * ((len(choices) + 1) * few + many), 0
+
+    def sampled(particles: int) -> None:
+        nonlocal done
+        done += particles
+        if progress is not None:
+            progress(done / total)
+
+    found = {
+        allowed: held_out_probability(replace(model, allowed=allowed), seed, threads, sampled)
+        for allowed in choices
+    }
+    posteriors = fold_posteriors(models, fold, many, seed, threads, sampled)
     everything = _probability(models, posteriors, fold)
     named = {k: _likely(model, one, likely) for k, one in posteriors.items()}
     sure = {k: replace(model, allowed=own, certain=own) for k, own in named.items()}
-    again = fold_posteriors(sure, fold, HELD_OUT_CAUSES.particles, seed, threads)
-    if progress is not None:
-        progress(1.0)
+    again = fold_posteriors(sure, fold, few, seed, threads, sampled)
     return HeldOutCauses(
         tuple(causes), found, everything, _probability(sure, again, fold), named,
         model.overturned, fold,
