@@ -8,8 +8,9 @@ Both specimens stood on the table in every test. The posterior of what acts in t
 is drawn from. What acts on the motion, the strength of the motion and the scatter of margins are
 the table's and the protocol's: they are kept. Of the specimen's own causes it is kept that they
 act, for both specimens were set up by the same hands; their values are drawn from their priors
-again, and so are the nuisances. What comes in at a session is left out. The margins of SP2 are
-simulated with what acts in each draw.
+again, and so are the nuisances. But half a turn mirrors the motion, and whether SP1 was turned or
+the record's sign is the other one is not known: in every other draw its turn is kept, too. What
+comes in at a session is left out. The margins of SP2 are simulated with what acts in each draw.
 
 The same rule predicts SP1, by its emulator and with posteriors of the other motions, which tells
 what to expect. Writes OUT/predictions.csv, one row a trial of SP2 with a motion, and
@@ -45,6 +46,7 @@ from vsr2.results.atomic import csv_text, write_text
 OUT = HERE.parent / "out"
 OF_TABLE = "actuation"
 """Stage of the effects that act on the motion."""
+TURN = ("registration", "yaw")
 PILOT = 8
 """Draws whose margins are sought first; their median is the guess for the others."""
 Array = NDArray[np.float64]
@@ -54,8 +56,12 @@ def carried_over(lab: LabModel, found: Particles, rng: np.random.Generator) -> P
     """Draws for another specimen on the same table, without what comes in at a session."""
     space = lab.space
     table = np.array([space.library[name].stage == OF_TABLE for name in space.names])
+    turn = np.array(
+        [(space.names[one.effect], one.parameter.name) == TURN for one in space.coordinates]
+    )
+    kept = table[space.effect_of] | (turn & (np.arange(len(found)) % 2 == 0)[:, None])
     own = found.points[:, : len(space.coordinates)]
-    fresh = np.where(table[space.effect_of], own, space.draw(len(found), rng))
+    fresh = np.where(kept, own, space.draw(len(found), rng))
     acts = np.column_stack([found.acts[:, : len(space.names)], found.acts[:, -1]])
     nuisances = rng.standard_normal(found.nuisances.shape)
     return replace(found, points=fresh, acts=acts, nuisances=nuisances)
