@@ -32,7 +32,7 @@ from vsr2.diagnosis.corrected import (
 from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
 from vsr2.diagnosis.how_far.explained_gap import explained_gap, simulate_as_it_is
 from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
-from vsr2.diagnosis.margins.acting_posterior import SAMPLER, sample_posterior
+from vsr2.diagnosis.margins.acting_posterior import SAMPLER, ActingPosterior, sample_posterior
 from vsr2.diagnosis.margins.cause_space import CAUSES, NotJudged, cause_space, not_judged
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, HeldOutCauses, judge_causes
 from vsr2.diagnosis.margins.margin_kernel import KERNEL
@@ -210,10 +210,7 @@ def find_causes(
     simulator = simulator_of(used, study, hypotheses, execution, seed)
     model, as_it_is, work = _modelled(used, simulator, folder, count, execution, seed)
     work |= {"seed": seed, "left_out": len(given) - len(used), "search_time_s": watch.wall_s}
-    rng = np.random.default_rng([seed, MarginStream.ACTING])
-    _report(execution, Stage.INFERENCE, 0.0)
-    posterior = sample_posterior(model, np.arange(len(used)), rng, particles=SAMPLER.final)
-    _report(execution, Stage.INFERENCE, 1.0)
+    posterior = _inferred(model, execution, seed)
     acting = acting_share(posterior.particles, model.names)
     likeliest = sorted(model.looked_for, key=lambda name: -acting[name])
     judged = _judged_held_out(model, likeliest, execution, seed)
@@ -239,6 +236,16 @@ def find_causes(
     if folder is not None:
         result.save(folder)
     return result
+
+
+def _inferred(model: OutcomeModel, execution: Execution, seed: int) -> ActingPosterior:
+    """What acts, by the outcomes of all trials."""
+    rng = np.random.default_rng([seed, MarginStream.ACTING])
+    _report(execution, Stage.INFERENCE, 0.0)
+    rows = np.arange(model.overturned.size)
+    found = sample_posterior(model, rows, rng, particles=SAMPLER.final)
+    _report(execution, Stage.INFERENCE, 1.0)
+    return found
 
 
 def _judged_held_out(
