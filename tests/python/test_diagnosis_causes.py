@@ -18,7 +18,7 @@ from vsr2._native import build_facts
 from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import load_study, study_from_mapping
 from vsr2.diagnosis import Execution, Hypotheses, causes_schema, find_causes
-from vsr2.diagnosis.causes import FILES, _drawn
+from vsr2.diagnosis.causes import FILES, _corrected, _drawn
 from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
 from vsr2.diagnosis.how_far.explained_gap import _floor_scores
 from vsr2.diagnosis.margins.cause_space import cause_space
@@ -31,6 +31,7 @@ from vsr2.diagnosis.verdict.inferred_causes import parameter_sizes
 from vsr2.effects import library
 from vsr2.errors import DiagnosisError
 from vsr2.report.causes_figure import causes_figure
+from vsr2.report.messages import found_causes
 from vsr2.report.messages.found_causes import causes_text
 from vsr2.report.pages import plain
 
@@ -192,7 +193,7 @@ def test_without_a_gap_nothing_is_closed(found) -> None:
     held_out |= dict.fromkeys(("beyond_scatter", "beyond_controls", "beyond_logistic"), none)
     jsonschema.validate(content, causes_schema())
     without = replace(found[0], content=content)
-    assert "there is no gap to close" in causes_text(without)
+    assert "no closure is given" in causes_text(without)
     assert causes_figure(content).axes[1].get_title() == ""
 
 
@@ -251,6 +252,31 @@ def test_the_corrected_scene_can_be_run_and_searched_again(found) -> None:
     assert set(result.content["corrected"]) == likely
     study = load_study(folder / "corrected.yaml", check_files=False)
     assert set(study.effects) == likely
+
+
+def test_a_cause_that_no_study_can_add_does_not_cost_the_others_their_scene() -> None:
+    """The scene has a step at another date than the likely one."""
+    own = study_from_mapping(
+        {**BOX, "effects": {"session": {"at": 0.6, "friction_factor": 0.8}}}, base=Path()
+    )
+    rows = [
+        {"name": name, "acts": 0.9, "parameters": {k: {"mean": v} for k, v in values.items()}}
+        for name, values in (
+            ("table_gain", {"change": 0.1}),
+            ("session", {"at": 0.2, "friction_factor": 0.9}),
+            ("slenderness", {"change": -0.05}),
+        )
+    ]
+    corrected, added, not_stated = _corrected(own, rows)
+    assert corrected is not None
+    assert set(corrected.effects) == {"session", "table_gain", "slenderness"}
+    assert corrected.effects["session"]["at"] == 0.6
+    assert list(added) == ["table_gain", "slenderness"]
+    assert not_stated == ["session"]
+    content = {"corrected": added, "not_stated": not_stated}
+    assert found_causes._corrected(content) == (
+        "the corrected scene adds table_gain, slenderness; no study can add session to the scene"
+    )
 
 
 def test_the_verb_writes_what_the_function_does(campaign, tmp_path, capsys) -> None:

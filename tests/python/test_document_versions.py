@@ -90,6 +90,7 @@ RECORDED: dict[str, str] = {
     "vsr2.causes/2": "dfb9566fb1750253",
     "vsr2.causes/3": "68182ddb7d70981b",
     "vsr2.causes/4": "e58833a1e94c9c60",
+    "vsr2.causes/5": "ce4b5a23b7feb165",
     "vsr2.posterior_check/1": "0e7a0c51e47b3910",
     "vsr2.iteration/1": "1e98753e9abf73ba",
     "vsr2 result/3": "bef9853494f8c9dd",

@@ -156,8 +156,10 @@ def test_steps_at_one_place_make_one_and_others_are_refused() -> None:
     other = own.complete({"at": 0.4, "slenderness_change": -0.2, "com_offset_distance": 0.003})
     both = own.complete({"at": 0.4, "slenderness_change": -0.12, "com_offset_distance": 0.005})
     assert own.twice(one, other) == pytest.approx(both)
-    with pytest.raises(ConfigError, match=r"effects.change_point.at: no value does what 0.4 and"):
-        own.twice(one, other | {"at": 0.7})
+    # The place that is taken where none is given, 0.5, is a place as any other.
+    for first, at in ((0.4, 0.7), (0.5, 0.3), (0.3, 0.5)):
+        with pytest.raises(ConfigError, match=rf"effects.change_point.at: no step .* {first} and"):
+            own.twice(one | {"at": first}, other | {"at": at})
 
 
 @pytest.mark.parametrize("one", BUILT_IN, ids=by_name)

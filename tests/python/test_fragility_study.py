@@ -147,6 +147,11 @@ def test_recordings_are_scaled_and_keep_their_motion(study, tmp_path):
         ("  points: 5", "  point: 5", r"fragility.point: .*did you mean `points`"),
         ("fragility:", "fragilty:", "did you mean `fragility`"),
         ("outcome:", "effects: {table_gian: {change: 0.1}}\noutcome:", "table_gian.*`table_gain`"),
+        ("outcome:", "effects: {wear: {loss: 0.1}}\noutcome:", "effects.wear: acts by the order"),
+        (
+            "outcome:", "effects: {session: {friction_factor: 0.8}}\noutcome:",
+            "effects.session: acts by the order of a campaign's trials, and fragility has none",
+        ),
     ],
 )  # fmt: skip
 def test_what_cannot_be_used_is_named(study, old, new, match):

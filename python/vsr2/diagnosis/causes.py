@@ -215,7 +215,7 @@ def find_causes(
     likeliest = sorted(model.looked_for, key=lambda name: -acting[name])
     judged = _judged_held_out(model, likeliest, execution, seed)
     rows = [cause_row(model, posterior.particles, name, acting[name]) for name in likeliest]
-    corrected, stated = _corrected(study, rows)
+    corrected, stated, not_stated = _corrected(study, rows)
     content = {
         "schema": CAUSES_SCHEMA,
         "campaign": used.name,
@@ -225,6 +225,7 @@ def find_causes(
         "emulator": {"scenes": count, **model.emulator.quality()},
         "held_out": explained_gap(judged, as_it_is, used, seed),
         "corrected": stated,
+        "not_stated": not_stated,
         **_not_looked_for(simulator, model.names),
         "provenance": _rested_on(study, hypotheses, simulator) | work,
     }
@@ -371,21 +372,23 @@ def _label(allowed: frozenset[str]) -> str:
 
 def _corrected(
     study: Study, rows: Sequence[Mapping[str, Any]]
-) -> tuple[Study | None, dict[str, dict[str, float]]]:
-    """The scene with its likely causes, and what was added."""
-    added = {
-        row["name"]: {
+) -> tuple[Study | None, dict[str, dict[str, float]], list[str]]:
+    """The scene with its likely causes, what was added, and causes that no study can add to it."""
+    scene: Study | None = None
+    added: dict[str, dict[str, float]] = {}
+    not_stated: list[str] = []
+    for row in rows:
+        if row["acts"] < FOUND_CAUSES.likely:
+            continue
+        own = {
             name: one["mean"] for name, one in row["parameters"].items() if one["mean"] is not None
         }
-        for row in rows
-        if row["acts"] >= FOUND_CAUSES.likely
-    }
-    if not added:
-        return None, {}
-    try:
-        return scene_with(study, added), added
-    except ConfigError:
-        return None, {}
+        try:
+            scene = scene_with(study, added | {row["name"]: own})
+            added[row["name"]] = own
+        except ConfigError:
+            not_stated.append(row["name"])
+    return scene, added, not_stated
 
 
 def _drawn(

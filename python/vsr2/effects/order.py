@@ -12,6 +12,7 @@ from vsr2.effects.effect import Circumstances, Effect, effects_in
 from vsr2.effects.geometry import ComOffset, SlendernessEffect
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.registration import Registration
+from vsr2.errors import ConfigError
 from vsr2.trial import Trial
 
 
@@ -80,8 +81,12 @@ class StepEffect(Effect):
         return values if after else self.null()
 
     def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
-        at = self.parameter("at")
-        found = {"at": at.joined(first["at"], second["at"], f"effects.{self.name}.at")}
+        if first["at"] != second["at"]:
+            raise ConfigError(
+                f"no step does what one at {first['at']:g} and one at {second['at']:g} do",
+                key=f"effects.{self.name}.at",
+            )
+        found = {"at": first["at"]}
         for effect in self.parts:
             names = {p.name: f"{effect.name}_{p.name}" for p in effect.parameters}
             both = effect.twice(

@@ -15,7 +15,7 @@ from vsr2.config.motion_source import AllRecordings, SingleRecording
 from vsr2.config.schema import extended_schema
 from vsr2.config.section import Real, Section
 from vsr2.config.sources import EXACT_START, SMOOTH_CURVE, USUAL_LEVEL
-from vsr2.effects import check_study_effects
+from vsr2.effects import check_study_effects, effect
 from vsr2.errors import ConfigError
 
 Measure = Literal[
@@ -167,6 +167,12 @@ def load_fragility(
     """
     study = load_extended(path, FragilityKeys, overrides=overrides)
     check_study_effects(study.study.effects, study.label)
+    for name in study.study.effects:
+        if effect(name).stage == "order":
+            raise ConfigError(
+                f"{study.label}: effects.{name}: acts by the order of a campaign's trials, and "
+                "fragility has none; state what acts throughout, or leave it out"
+            )
     own = study.own.fragility
     if own.target_pga_g is not None and not isinstance(
         study.study.motion, (SingleRecording, AllRecordings)

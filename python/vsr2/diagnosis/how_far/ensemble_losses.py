@@ -121,10 +121,15 @@ def interval(values: Array) -> LossInterval:
 
 
 def share_of_gap(part: Array, gap: Array) -> LossInterval:
-    """A difference of mean losses over the gap, of equal replicates; NaN where there is no gap."""
-    if gap[0] <= 0:
+    """A difference of mean losses over the gap, of equal replicates.
+
+    NaN where the gap's own interval touches zero: a ratio to what may be nothing has no bounds (E.
+    C. Fieller, "Some problems in interval estimation", 1954).
+    """
+    if min(gap[0], interval(gap).low) <= 0:
         return LossInterval(np.nan, np.nan, np.nan)
-    return interval(part / np.maximum(gap, 1e-9))
+    # A few resamples may still have no gap.
+    return interval(part / np.maximum(gap, np.finfo(np.float64).tiny))
 
 
 def resampled_means(values: Array, motion: NDArray[np.int64], *, replicates: int) -> Array:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections import Counter
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -70,8 +71,9 @@ def explained_gap(
     curve = _logistic(used, seed)
     losses, steps = _losses(judged, as_it_is, used, seed), _steps(judged)
     losses[_LIKELY] = judged.likely_loss()
-    for cause in judged.causes:
-        losses[f"share {cause}"] = judged.share(cause)
+    for cause in steps[-1]:
+        for name, gain in judged.gains(cause).items():
+            losses[f"{name} {cause}"] = gain
     if curve is not None:
         losses["logistic"] = outcome_loss(curve, used.overturned)
     values = np.stack(list(losses.values()))
@@ -79,7 +81,7 @@ def explained_gap(
     drawn = resampled_means(values, motion, replicates=INTERVALS.replicates)
     means = dict(zip(losses, np.vstack([values.mean(axis=1), drawn]).T, strict=True))
     before, after = means[Loss.BEFORE], means[Loss.AFTER]
-    scatter = means[_label(frozenset())]
+    scatter = means[_label(())]
     gap = before - means[Loss.FLOOR]
     own = {name: losses[name] for name in Loss}
     judged_gap = HowFar(own, as_it_is.probability, judged.everything, motion, judged.causes)
@@ -92,7 +94,7 @@ def explained_gap(
 
     return {
         "as_it_is": {"loss": interval(before).to_json()},
-        "waterfall": [{"causes": sorted(step)} | closes(means[_label(step)]) for step in steps],
+        "waterfall": [{"causes": list(step)} | closes(means[_label(step)]) for step in steps],
         "all": closes(after),
         "likely": closes(means[_LIKELY]) | _likely(judged, used, seed),
         "floor": {
@@ -107,8 +109,10 @@ def explained_gap(
         if curve is None
         else share_of_gap(means["logistic"] - after, gap).to_json(),
         "shares": {
-            cause: {"loss": interval(own).to_json(), "of_gap": share_of_gap(own, gap).to_json()}
-            for cause, own in ((cause, means[f"share {cause}"]) for cause in judged.causes)
+            cause: {"loss": interval(means[f"share {cause}"]).to_json()}
+            | {"of_gap": share_of_gap(means[f"share {cause}"], gap).to_json()}
+            | {name: interval(means[f"{name} {cause}"]).to_json() for name in ("first", "last")}
+            for cause in steps[-1]
         },
         "scores": _scores(judged.everything, used, seed),
         "logistic": None if curve is None else {
@@ -151,12 +155,14 @@ def _spread(values: Array) -> dict[str, Any]:
     return LossInterval(float(kept.mean()), float(low), float(high)).to_json()
 
 
-def _steps(judged: HeldOutCauses) -> list[frozenset[str]]:
-    return [frozenset(judged.causes[:k]) for k in range(len(judged.causes) + 1)]
+def _steps(judged: HeldOutCauses) -> list[tuple[str, ...]]:
+    """Causes that act in each step: they are added by their shares, the greatest first."""
+    order = sorted(judged.causes, key=lambda cause: -float(judged.gains(cause)["share"].mean()))
+    return [tuple(order[:k]) for k in range(len(order) + 1)]
 
 
-def _label(step: frozenset[str]) -> str:
-    return "with " + " ".join(sorted(step))
+def _label(step: Sequence[str]) -> str:
+    return "with " + " ".join(step)
 
 
 def _losses(
@@ -175,7 +181,7 @@ def _losses(
         Loss.RECALIBRATED: outcome_loss(recalibrated(before, outcome, judged.fold), outcome),
         Loss.DEALT: np.mean(dealt, axis=0),
         Loss.FLOOR: floor_loss(as_it_is),
-        **{_label(step): judged.loss(step) for step in _steps(judged)},
+        **{_label(step): judged.loss(frozenset(step)) for step in _steps(judged)},
     }
 
 

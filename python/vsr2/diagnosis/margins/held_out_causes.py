@@ -11,7 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.probability import outcome_loss
-from vsr2.analysis.shapley import shapley_share
+from vsr2.analysis.shapley import mean_gain, shapley_share
 from vsr2.campaign.folds import grouped_folds
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.outcome_model import OutcomeModel, Particles, acting_share
@@ -142,9 +142,18 @@ class HeldOutCauses:
         """The same where those act that are likely by the other folds, shape (trials,)."""
         return outcome_loss(self.likely, self.overturned.astype(np.float64))
 
-    def share(self, cause: str) -> Array:
-        """What a cause takes off each trial's loss, the mean over all orders, shape (trials,)."""
-        return shapley_share({allowed: self.loss(allowed) for allowed in self.probability}, cause)
+    def gains(self, cause: str) -> dict[str, Array]:
+        """What a cause takes off each trial's loss, shapes (trials,).
+
+        `share` is the mean over all orders of adding causes, `first` where it is added first, and
+        `last` where all the others act already.
+        """
+        losses = {allowed: self.loss(allowed) for allowed in self.probability}
+        return {
+            "share": shapley_share(losses, cause),
+            "first": mean_gain(losses, cause, 0),
+            "last": mean_gain(losses, cause, len(self.causes) - 1),
+        }
 
 
 def judge_causes(

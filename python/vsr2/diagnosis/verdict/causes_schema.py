@@ -17,7 +17,7 @@ from vsr2.diagnosis.verdict.diagnosis_schema import (
 )
 from vsr2.errors import Fault
 
-CausesSchema = Literal["vsr2.causes/4"]
+CausesSchema = Literal["vsr2.causes/5"]
 CAUSES_SCHEMA: CausesSchema = get_args(CausesSchema)[0]
 """Form of causes.json."""
 Ends = tuple[float | None, float | None]
@@ -88,6 +88,8 @@ class _Step(Control):
 class _CauseShare(SchemaPart):
     loss: Estimate
     of_gap: Estimate
+    first: Estimate
+    last: Estimate
 
 
 class _Logistic(Control):
@@ -149,6 +151,7 @@ class _Causes(SchemaPart):
     emulator: _Emulator
     held_out: _HeldOut
     corrected: dict[str, dict[str, float]]
+    not_stated: list[str]
     not_judged: dict[str, NotJudged]
     excluded: list[str]
     unavailable: dict[str, Fault]

@@ -63,7 +63,7 @@ def tracking_title(found: Tracking) -> str:
 def closed_title(held_out: Mapping[str, Any]) -> str:
     """Shares of the gap that scatter and causes close; empty where there is no gap."""
     scatter, beyond = held_out["scatter_alone"]["closure"], held_out["beyond_scatter"]
-    if scatter["value"] is None:
+    if scatter["value"] is None or beyond["value"] is None:
         return ""
     low, high = beyond["ci95"]
     return (

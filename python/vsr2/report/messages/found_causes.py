@@ -43,7 +43,8 @@ def causes_text(found: Causes) -> str:
     """Causes with their sizes, sets of them, the losses step by step, and scores: lines."""
     content = found.content
     parts = [_causes(content), _together(content), _waterfall(content), _closed(content)]
-    parts += [_scores(content), _left_out(content), _cost(content["provenance"])]
+    parts += [_scores(content), _corrected(content), _left_out(content)]
+    parts.append(_cost(content["provenance"]))
     return "\n\n".join(parts) + "\n"
 
 
@@ -92,7 +93,13 @@ def _waterfall(content: Mapping[str, Any]) -> str:
     rows.append(["with all effects", _interval(held_out["all"]["loss"]), ""])
     rows.append(["with the likely ones", _interval(held_out["likely"]["loss"]), ""])
     rows.append(["floor: a campaign without a gap", _interval(held_out["floor"]["loss"]), ""])
-    return f"{_likely_in(held_out['likely'])}\n\n{table(rows, str.ljust)}"
+    by_position = [["takes off the loss", "added first", "mean of all orders", "added last"]]
+    by_position += [
+        [cause, *(_interval(own[name]) for name in ("first", "loss", "last"))]
+        for cause, own in held_out["shares"].items()
+    ]
+    parts = [_likely_in(held_out["likely"]), table(rows, str.ljust), table(by_position, str.ljust)]
+    return "\n\n".join(parts)
 
 
 def _likely_in(likely: Mapping[str, Any]) -> str:
@@ -108,7 +115,7 @@ def _closed(content: Mapping[str, Any]) -> str:
     together, scatter = held_out["all"]["closure"], held_out["scatter_alone"]["closure"]
     beyond = held_out["beyond_scatter"]
     said = (
-        "there is no gap to close: the scene as it is loses no more than the floor"
+        "no closure is given: the loss of the scene as it is does not lie surely above the floor"
         if together["value"] is None
         else f"of the gap fitted scatter alone, which is no cause, closes {_interval(scatter)}; "
         f"causes close a further {_interval(beyond)}; together {_interval(together)}"
@@ -159,6 +166,15 @@ def _scores(content: Mapping[str, Any]) -> str:
         cells = (_interval(scores[name]) if name in scores else "" for name in _SCORES)
         rows.append([label, *cells])
     return table(rows, str.ljust)
+
+
+def _corrected(content: Mapping[str, Any]) -> str:
+    """What the corrected scene holds, and what it cannot hold."""
+    added, lacking = ", ".join(content["corrected"]), ", ".join(content["not_stated"])
+    said = f"the corrected scene adds {added}" if added else "there is no corrected scene"
+    if not added and not lacking:
+        return f"{said}: no effect is likely"
+    return said + (f"; no study can add {lacking} to the scene" if lacking else "")
 
 
 def _left_out(content: Mapping[str, Any]) -> str:
