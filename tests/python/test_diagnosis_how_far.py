@@ -19,6 +19,7 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     by_kind,
     feature_scores,
     resampled_means,
+    share_of_gap,
 )
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge, rows, simulations
 from vsr2.diagnosis.how_far.negative_controls import recalibrated
@@ -28,6 +29,7 @@ from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.posterior.training import train
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.simulator import Responses
+from vsr2.report.messages.verdicts import interval
 
 # --- losses --------------------------------------------------------------------------------------
 
@@ -432,3 +434,19 @@ def test_an_effect_that_no_campaign_had_is_neither_drawn_nor_judged(judged, monk
     assert falls.names
     assert "wear" not in falls.names
     assert np.isfinite(falls.losses).all()
+
+
+def test_a_share_of_a_gap_that_may_be_nothing_has_no_bounds() -> None:
+    rng = np.random.default_rng(3)
+    for gap, bounded in ((0.5, True), (0.1, False)):
+        resampled = gap + 0.1 * rng.standard_normal(500)
+        found = share_of_gap(np.append(0.2, 0.4 * resampled), np.append(gap, resampled))
+        assert found.value == pytest.approx(0.2 / gap)
+        assert (found.to_json()["ci95"] is not None) == bounded
+        if bounded:
+            assert (found.low, found.high) == pytest.approx((0.4, 0.4))
+        else:
+            assert interval(found.to_json()) == f"{found.value:.2f} [no bounds]"
+    nothing = share_of_gap(np.ones(9), np.full(9, -0.1))
+    assert nothing.to_json() == {"value": None, "ci95": None}
+    assert interval(nothing.to_json()) == "not given"

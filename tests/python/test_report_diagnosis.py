@@ -221,7 +221,7 @@ def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None
     ("gap", "text"),
     [
         ({"effects": [], "closure": NONE_CAN_BE}, "Nothing is named, so that nothing was added."),
-        ({"closure": NONE_CAN_BE}, "No closure is given, because the loss before is not surely"),
+        ({"closure": NONE_CAN_BE}, "No closure is given, because the loss before is not above"),
     ],
 )
 def test_without_a_closure_it_is_said_why(gap, text) -> None:

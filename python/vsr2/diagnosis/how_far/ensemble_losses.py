@@ -101,7 +101,7 @@ def floor_loss(simulated: Ensemble) -> Array:
 
 @dataclass(frozen=True)
 class LossInterval:
-    """An estimate with its 95 % interval; NaN where it does not exist."""
+    """An estimate with its 95 % interval; NaN where it does not exist, or has no bounds."""
 
     value: float
     low: float
@@ -111,7 +111,8 @@ class LossInterval:
         """Plain data."""
         if not np.isfinite(self.value):
             return {"value": None, "ci95": None}
-        return {"value": self.value, "ci95": [self.low, self.high]}
+        bounded = np.isfinite([self.low, self.high]).all()
+        return {"value": self.value, "ci95": [self.low, self.high] if bounded else None}
 
 
 def interval(values: Array) -> LossInterval:
@@ -123,11 +124,13 @@ def interval(values: Array) -> LossInterval:
 def share_of_gap(part: Array, gap: Array) -> LossInterval:
     """A difference of mean losses over the gap, of equal replicates.
 
-    NaN where the gap's own interval touches zero: a ratio to what may be nothing has no bounds (E.
-    C. Fieller, "Some problems in interval estimation", 1954).
+    NaN where there is no gap. Without bounds where the gap's own interval touches zero: a share of
+    what may be nothing has none (E. C. Fieller, "Some problems in interval estimation", 1954).
     """
-    if min(gap[0], interval(gap).low) <= 0:
+    if gap[0] <= 0:
         return LossInterval(np.nan, np.nan, np.nan)
+    if interval(gap).low <= 0:
+        return LossInterval(float(part[0] / gap[0]), np.nan, np.nan)
     # A few resamples may still have no gap.
     return interval(part / np.maximum(gap, np.finfo(np.float64).tiny))
 

@@ -63,13 +63,12 @@ def tracking_title(found: Tracking) -> str:
 def closed_title(held_out: Mapping[str, Any]) -> str:
     """Shares of the gap that scatter and causes close; empty where there is no gap."""
     scatter, beyond = held_out["scatter_alone"]["closure"], held_out["beyond_scatter"]
-    if scatter["value"] is None or beyond["value"] is None:
+    if scatter["value"] is None:
         return ""
-    low, high = beyond["ci95"]
-    return (
-        f"closed of the gap: by scatter alone {scatter['value']:.2f},\n"
-        f"by causes a further {beyond['value']:.2f} [{low:.2f}, {high:.2f}]"
-    )
+    further = f"by causes a further {beyond['value']:.2f}"
+    if beyond["ci95"] is not None:
+        further += " [{:.2f}, {:.2f}]".format(*beyond["ci95"])
+    return f"closed of the gap: by scatter alone {scatter['value']:.2f},\n{further}"
 
 
 def _millimetres(length: float) -> str:

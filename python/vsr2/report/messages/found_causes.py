@@ -9,7 +9,7 @@ from vsr2.diagnosis.how_far.held_out import Loss
 from vsr2.diagnosis.margins.cause_space import NotJudged
 from vsr2.one_line import counted
 from vsr2.report.messages.commands import table
-from vsr2.report.messages.templates import check_worded
+from vsr2.report.messages.templates import NO_BOUNDS, check_worded
 
 if TYPE_CHECKING:
     from vsr2.diagnosis import Causes
@@ -115,7 +115,7 @@ def _closed(content: Mapping[str, Any]) -> str:
     together, scatter = held_out["all"]["closure"], held_out["scatter_alone"]["closure"]
     beyond = held_out["beyond_scatter"]
     said = (
-        "no closure is given: the loss of the scene as it is does not lie surely above the floor"
+        "no closure is given: the scene as it is loses no more than the floor"
         if together["value"] is None
         else f"of the gap fitted scatter alone, which is no cause, closes {_interval(scatter)}; "
         f"causes close a further {_interval(beyond)}; together {_interval(together)}"
@@ -188,6 +188,8 @@ def _left_out(content: Mapping[str, Any]) -> str:
 def _interval(one: Mapping[str, Any]) -> str:
     if one["value"] is None:
         return "-"
+    if one["ci95"] is None:
+        return f"{one['value']:.3f} {NO_BOUNDS}"
     low, high = one["ci95"]
     return f"{one['value']:.3f} [{low:.3f}, {high:.3f}]"
 

@@ -5,6 +5,9 @@ from __future__ import annotations
 from collections.abc import Iterable, Mapping
 from typing import Any
 
+NO_BOUNDS = "[no bounds]"
+"""In place of an interval, where the gap that a share is of may be nothing."""
+
 
 def check_worded(codes: Iterable[object], sentences: Mapping[Any, str], where: str) -> None:
     """See that each code has a sentence.

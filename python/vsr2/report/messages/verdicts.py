@@ -18,7 +18,7 @@ from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import LimitCode, ReasonCode, VerdictKind
 from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.errors import Fault, ResultError
-from vsr2.report.messages.templates import check_worded, written
+from vsr2.report.messages.templates import NO_BOUNDS, check_worded, written
 from vsr2.report.pages import environment, listed, plain
 
 if TYPE_CHECKING:
@@ -150,7 +150,8 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
     if not VerdictKind(verdict["kind"]).names_effects:
         return said
     closed = gap["closure"]["value"]
-    sure = closed is not None and min(gap[k]["ci95"][0] for k in ("headline", "closure")) > 0
+    ends = [gap[name]["ci95"] for name in ("headline", "closure")]
+    sure = closed is not None and all(one is not None and one[0] > 0 for one in ends)
     kind = verdict["kind"]
     return _say("closing", "sure" if sure else "unsure", said=said, kind=kind, closed=closed)
 
@@ -222,6 +223,8 @@ def interval(estimate: Mapping[str, Any]) -> str:
     value, bounds = estimate["value"], estimate["ci95"]
     if value is None or not math.isfinite(value):
         return "not given"
+    if bounds is None:
+        return f"{value:.2f} {NO_BOUNDS}"
     return f"{value:.2f} [{bounds[0]:.2f}, {bounds[1]:.2f}]"
 
 
