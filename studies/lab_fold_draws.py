@@ -18,10 +18,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
-from lab_model import HERE, add_options, lab_model
-from vsr2.analysis.overturning_margin import MARGIN
+from lab_model import HERE, add_options, lab_model, simulated_probability
 from vsr2.analysis.probability import probability_intervals
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, fold_posteriors, folds_of
 from vsr2.diagnosis.margins.margin_search import scene_margins
@@ -71,9 +69,7 @@ def main() -> None:
             margins = scene_margins(cache, given, guess, np.tile(own, (options.draws, 1)))
             margins = (margins - strength)[:, rows]
             differences.append(margins - mean[:, rows])
-            reach = np.hypot(*model.scatter(drawn))[:, None]
-            falls = np.nanmean(ndtr(-margins / reach), axis=0)
-            simulated[rows] = (1 - MARGIN.lapse) * falls + 0.5 * MARGIN.lapse
+            simulated[rows] = simulated_probability(model, drawn, margins)
             print(f"fold {k + 1}: {cache.simulated} simulations", flush=True)
     apart = np.concatenate([one.ravel() for one in differences])
     print(f"simulated less emulated margins: {np.nanmean(apart):.3f}, sd {np.nanstd(apart):.3f}")

@@ -9,12 +9,15 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
+from numpy.typing import NDArray
+from scipy.special import ndtr
 
+from vsr2.analysis.overturning_margin import MARGIN
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis import Hypotheses
 from vsr2.diagnosis.margins.cause_space import CauseSpace, cause_space
-from vsr2.diagnosis.margins.outcome_model import OutcomeModel
+from vsr2.diagnosis.margins.outcome_model import OutcomeModel, Particles
 from vsr2.diagnosis.margins.session_steps import session_steps
 from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
 from vsr2.diagnosis.protocol_cache import SIMULATIONS
@@ -24,6 +27,7 @@ from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 HERE = Path(__file__).resolve().parent
 ASKED = Hypotheses(exclude=["base_slope"], contact_family=())
 """As `lab_several_causes.py` asks."""
+Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)
@@ -34,8 +38,8 @@ class LabModel:
         campaign: these trials.
         simulator: of the scene.
         space: of the effects whose margins are simulated.
-        outcomes: model of outcomes with these, with and without what comes in at a session.
-        without_steps: the latter.
+        outcomes: model of outcomes, with these and what comes in at a session.
+        without_steps: the same without what comes in at a session.
         cache: of simulations.
     """
 
@@ -83,3 +87,18 @@ def lab_model(options: argparse.Namespace) -> Iterator[LabModel]:
             OutcomeModel(space, emulator, overturned, motions, count),
             cache,
         )
+
+
+def simulated_probability(model: OutcomeModel, drawn: Particles, margins: Array) -> Array:
+    """Of overturning in each trial, the mean over draws, shape (trials,).
+
+    As :meth:`OutcomeModel.probability`, with margins that are simulated and not emulated.
+
+    Args:
+        model: of outcomes, for scatter.
+        drawn: of its posterior.
+        margins: with the motion's strength, NaN where a simulation failed, shape (draws, trials).
+    """
+    reach = np.hypot(*model.scatter(drawn))[:, None]
+    falls = np.nanmean(ndtr(-margins / reach), axis=0)
+    return np.asarray((1 - MARGIN.lapse) * falls + 0.5 * MARGIN.lapse)

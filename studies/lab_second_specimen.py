@@ -27,12 +27,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.special import ndtr
 
-from lab_model import ASKED, HERE, LabModel, add_options, lab_model
-from vsr2.analysis.overturning_margin import MARGIN
+from lab_model import ASKED, HERE, LabModel, add_options, lab_model, simulated_probability
 from vsr2.analysis.probability import PROBABILITY_SCORES, probability_intervals
-from vsr2.campaign import load_campaign
+from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, fold_posteriors, folds_of
@@ -47,6 +45,7 @@ OUT = HERE.parent / "out"
 OF_TABLE = "actuation"
 """Stage of the effects that act on the motion."""
 TURN = ("registration", "yaw")
+"""Effect and parameter that are kept in every other draw."""
 PILOT = 8
 """Draws whose margins are sought first; their median is the guess for the others."""
 Array = NDArray[np.float64]
@@ -81,9 +80,10 @@ def expected_of_first(lab: LabModel, options: argparse.Namespace) -> Array:
     return p
 
 
-def margins_of_second(lab: LabModel, drawn: Particles, options: argparse.Namespace) -> Array:
+def margins_of_second(
+    lab: LabModel, campaign: Campaign, drawn: Particles, options: argparse.Namespace
+) -> Array:
     """Margins of the trials of SP2 with what acts in each draw, shape (draws, trials)."""
-    campaign = load_campaign(options.second).with_motion()
     simulator = SceneSimulator(
         campaign, load_study(options.second_scene), hypotheses=ASKED, threads=options.threads,
         seed=options.seed,
@@ -130,13 +130,13 @@ def main() -> None:
         ).particles
         chosen = everything.taken(rng.choice(len(everything), options.draws, replace=False))
         drawn = carried_over(lab, chosen, rng)
-        margins = margins_of_second(lab, drawn, options)
+        second = load_campaign(options.second).with_motion()
+        margins = margins_of_second(lab, second, drawn, options)
         margins -= lab.without_steps.log_strength(drawn)[:, None]
-        reach = np.hypot(*lab.without_steps.scatter(drawn))[:, None]
-    p = (1 - MARGIN.lapse) * np.nanmean(ndtr(-margins / reach), axis=0) + 0.5 * MARGIN.lapse
+        p = simulated_probability(lab.without_steps, drawn, margins)
     rows = [
         {"trial": trial.trial, "probability": f"{q:.4f}", "overturns": int(q > 0.5)}
-        for trial, q in zip(load_campaign(options.second).with_motion().trials, p, strict=True)
+        for trial, q in zip(second.trials, p, strict=True)
     ]
     text = csv_text(rows)
     write_text(options.out / "predictions.csv", text)

@@ -1,7 +1,7 @@
 """Whether causes act as often as is stated: simulated campaigns of the laboratory's as truth.
 
-    python studies/lab_several_causes.py        # simulates the scenes of the emulator
-    python studies/planted_causes.py [--campaigns N] [--scenes N] [--seed N]
+    python studies/lab_several_causes.py --seed N --out OUT    # simulates the emulator's scenes
+    python studies/planted_causes.py --seed N --cache OUT [--campaigns N] [--threads N]
 
 What acts in a planted campaign is drawn from the prior of the outcome model: about two effects, a
 strength of the motion and scatter. All its trials are simulated; the emulator has not seen them.

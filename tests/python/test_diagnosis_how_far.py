@@ -447,6 +447,11 @@ def test_a_share_of_a_gap_that_may_be_nothing_has_no_bounds() -> None:
             assert (found.low, found.high) == pytest.approx((0.4, 0.4))
         else:
             assert interval(found.to_json()) == f"{found.value:.2f} [no bounds]"
+    # The gap's interval lies above zero, and the end of the share's falls on replicates without.
+    gaps = np.append(np.full(25, -1e-6), np.linspace(0.2, 0.4, 975))
+    edge = share_of_gap(np.append(0.2, np.full(1000, 0.2)), np.append(0.3, gaps))
+    assert edge.value == pytest.approx(0.2 / 0.3)
+    assert edge.to_json()["ci95"] is None
     nothing = share_of_gap(np.ones(9), np.full(9, -0.1))
     assert nothing.to_json() == {"value": None, "ci95": None}
     assert interval(nothing.to_json()) == "not given"

@@ -162,7 +162,7 @@ class Resimulating:
     """How trials of a campaign are simulated again, and where that is kept.
 
     Attributes:
-        out: folder for tables, scenes and simulations (default: nothing is written)
+        out: folder for results and simulations (default: nothing is written)
         seed: of all draws
         cache: folder of simulations that other commands on the campaign share
     """
@@ -285,6 +285,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     from vsr2.diagnosis.causes import FILES
     from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
     from vsr2.report.causes_figure import write_causes_figure
+    from vsr2.report.messages.commands import few_draws
     from vsr2.report.messages.found_causes import causes_text
     from vsr2.report.messages.written import wrote
 
@@ -318,6 +319,8 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
         print(causes_text(found))
         if options.out is not None:
             print(wrote(options.out))
+            if len(found.drawn) < options.posterior_draws:
+                print(few_draws(options.out, len(found.drawn), options.posterior_draws))
     return 0
 
 

@@ -218,10 +218,10 @@ def _write(found: Diagnosis, study: Study, folder: Path, effort: Effort) -> None
     """The page of a diagnosis and, where they are asked for, draws of its posterior."""
     from vsr2.diagnosis.corrected import write_draws
     from vsr2.report.diagnosis_page import write_diagnosis_page
-    from vsr2.report.messages.commands import no_draws
+    from vsr2.report.messages.commands import few_draws
 
     write_diagnosis_page(found, folder)
-    if not effort.posterior_draws:
-        return
-    if not write_draws(found, study, folder, effort.posterior_draws) and not effort.quiet:
-        print(no_draws(folder))
+    asked = effort.posterior_draws
+    written = write_draws(found, study, folder, asked) if asked else []
+    if len(written) < asked and not effort.quiet:
+        print(few_draws(folder, len(written), asked))

@@ -126,13 +126,20 @@ def share_of_gap(part: Array, gap: Array) -> LossInterval:
 
     NaN where there is no gap. Without bounds where the gap's own interval touches zero: a share of
     what may be nothing has none (E. C. Fieller, "Some problems in interval estimation", 1954).
+
+    Args:
+        part: mean of all trials, then of each replicate [nat a trial], shape (1 + replicates,).
+        gap: likewise.
     """
     if gap[0] <= 0:
         return LossInterval(np.nan, np.nan, np.nan)
     if interval(gap).low <= 0:
         return LossInterval(float(part[0] / gap[0]), np.nan, np.nan)
-    # A few resamples may still have no gap.
-    return interval(part / np.maximum(gap, np.finfo(np.float64).tiny))
+    # The share is infinite in the few replicates that may still have no gap; where an end of the
+    # interval falls on these it has no bounds either.
+    shares = np.where(gap > 0, part / np.where(gap > 0, gap, 1.0), np.copysign(np.inf, part))
+    with np.errstate(invalid="ignore"):
+        return interval(shares)
 
 
 def resampled_means(values: Array, motion: NDArray[np.int64], *, replicates: int) -> Array:

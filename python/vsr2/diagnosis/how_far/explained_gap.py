@@ -59,6 +59,8 @@ def explained_gap(
 ) -> dict[str, Any]:
     """Losses of motions that were not seen: the waterfall, shares, controls, and scores.
 
+    Causes are added by their shares, the greatest first.
+
     Where nothing may act, scatter of margins is fitted all the same: it closes a part of the gap,
     and is no cause. All intervals are of the same resamples of motions.
 
@@ -69,11 +71,14 @@ def explained_gap(
         seed: of draws.
     """
     curve = _logistic(used, seed)
-    losses, steps = _losses(judged, as_it_is, used, seed), _steps(judged)
+    gains = {cause: judged.gains(cause) for cause in judged.causes}
+    order = sorted(gains, key=lambda cause: -float(gains[cause]["share"].mean()))
+    steps = [tuple(order[:k]) for k in range(len(order) + 1)]
+    losses: dict[str, Array] = _losses(judged, as_it_is, used, seed)
     losses[_LIKELY] = judged.likely_loss()
-    for cause in steps[-1]:
-        for name, gain in judged.gains(cause).items():
-            losses[f"{name} {cause}"] = gain
+    losses |= {_label(step): judged.loss(frozenset(step)) for step in steps}
+    for cause, own_gains in gains.items():
+        losses |= {f"{name} {cause}": gain for name, gain in own_gains.items()}
     if curve is not None:
         losses["logistic"] = outcome_loss(curve, used.overturned)
     values = np.stack(list(losses.values()))
@@ -112,7 +117,7 @@ def explained_gap(
             cause: {"loss": interval(means[f"share {cause}"]).to_json()}
             | {"of_gap": share_of_gap(means[f"share {cause}"], gap).to_json()}
             | {name: interval(means[f"{name} {cause}"]).to_json() for name in ("first", "last")}
-            for cause in steps[-1]
+            for cause in order
         },
         "scores": _scores(judged.everything, used, seed),
         "logistic": None if curve is None else {
@@ -155,12 +160,6 @@ def _spread(values: Array) -> dict[str, Any]:
     return LossInterval(float(kept.mean()), float(low), float(high)).to_json()
 
 
-def _steps(judged: HeldOutCauses) -> list[tuple[str, ...]]:
-    """Causes that act in each step: they are added by their shares, the greatest first."""
-    order = sorted(judged.causes, key=lambda cause: -float(judged.gains(cause)["share"].mean()))
-    return [tuple(order[:k]) for k in range(len(order) + 1)]
-
-
 def _label(step: Sequence[str]) -> str:
     return "with " + " ".join(step)
 
@@ -181,7 +180,6 @@ def _losses(
         Loss.RECALIBRATED: outcome_loss(recalibrated(before, outcome, judged.fold), outcome),
         Loss.DEALT: np.mean(dealt, axis=0),
         Loss.FLOOR: floor_loss(as_it_is),
-        **{_label(step): judged.loss(frozenset(step)) for step in _steps(judged)},
     }
 
 

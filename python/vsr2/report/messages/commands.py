@@ -54,11 +54,11 @@ def finished_before(folder: Path, trials: int) -> str:
     return f"nothing to do: {folder} holds the finished result of {counted(trials, 'trial')}"
 
 
-def no_draws(folder: Path) -> str:
-    """That `--posterior-draws` wrote no scene, and why."""
+def few_draws(folder: Path, written: int, asked: int) -> str:
+    """That `--posterior-draws` wrote fewer scenes than were asked for, and why."""
     return (
-        f"no draws of the posterior are written to {folder}: "
-        "nothing is named that a study can state"
+        f"{written} of {counted(asked, 'draw')} of the posterior are written to {folder}: no study "
+        "can state more"
     )
 
 
