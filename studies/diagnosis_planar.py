@@ -1,7 +1,7 @@
 """How well the diagnosis does on campaigns of a planar block whose cause is known.
 
-    python studies/diagnosis_planar.py [--trials N] [--planted N] [--campaigns N ...]
-        [--tiers BMT] [--seed N] [--out FOLDER]
+    python studies/diagnosis_planar.py [--motions N] [--scalings N] [--planted N]
+        [--campaigns N ...] [--tiers BMT] [--seed N] [--out FOLDER]
 
 One schedule of trials is looked at and simulated once; posteriors are trained on the first 500,
 2,000 and 8,000 simulated campaigns. Planted campaigns come from the same prior over sets (none,
@@ -295,7 +295,8 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--trials", type=int, default=150)
+    parser.add_argument("--motions", type=int, default=15)
+    parser.add_argument("--scalings", type=int, default=10, help="trials of each motion")
     parser.add_argument("--planted", type=int, default=600)
     parser.add_argument("--campaigns", type=int, nargs="+", default=[500, 2000, 8000])
     parser.add_argument("--tiers", default="BMT")
@@ -303,7 +304,7 @@ def main() -> None:
     parser.add_argument("--out", type=Path, default=Path("out/diagnosis_planar"))
     options = parser.parse_args()
     options.out.mkdir(parents=True, exist_ok=True)
-    campaign = shaken_campaign(15, options.trials // 15, seed=options.seed)
+    campaign = shaken_campaign(options.motions, options.scalings, seed=options.seed)
     own = PlanarSimulator(campaign, series=True, seed=1 + options.seed)
     truth = PlanarSimulator(campaign, series=True, seed=10_000 + options.seed)
     rehearsal = Rehearsal(

@@ -17,6 +17,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from vsr2.effects.effect import Effect
+from vsr2.effects.order import StepEffect
 from vsr2.effects.parameter import Parameter
 from vsr2.effects.registry import BUILT_IN, in_order
 
@@ -97,7 +98,8 @@ def _section(effect: Effect) -> Iterator[str]:
     yield "| parameter | unit | prior | none given | meaning |"
     yield "| --- | --- | --- | --- | --- |"
     for parameter in effect.parameters:
-        if not parameter.name.startswith(_HIDDEN.get(effect.name, ())):
+        # A step repeats the parameters of many effects; those with a prior tell the most.
+        if not (isinstance(effect, StepEffect) and parameter.prior == "fixed"):
             yield _row(parameter)
     confounded = ", ".join(f"`{name}`" for name in effect.confounded_with) or "nothing listed"
     touched = ", ".join(effect.channels)
@@ -108,10 +110,6 @@ def _section(effect: Effect) -> Iterator[str]:
 
 def _wrapped(text: str) -> str:
     return textwrap.fill(" ".join(text.split()), 99, break_long_words=False)
-
-
-# It repeats the parameters of all geometric effects.
-_HIDDEN = {"change_point": ("com_offset_", "edge_rounding_", "base_asperity_", "base_slope_")}
 
 
 def _row(parameter: Parameter) -> str:

@@ -12,7 +12,7 @@ import pytest
 
 from vsr2 import apply_effects, run_batch
 from vsr2.config.study import Output
-from vsr2.effects import effect, library, with_effects
+from vsr2.effects import Effect, effect, library, with_effects
 from vsr2.effects.standing import mass_height, support_of
 from vsr2.errors import GeometryError
 from vsr2.motion import Record, build_recorded_motion
@@ -137,7 +137,6 @@ def test_a_step_is_its_parts_in_the_trials_after_it(bench: EffectBench) -> None:
         "friction": {"factor": 0.7},
         "table_gain": {"change": 0.05},
     }
-    assert list(parts) == [part.name for part in effect("session").parts]
     step = {f"{name}_{key}": value for name, own in parts.items() for key, value in own.items()}
     made = apply_effects(trials, {"session": step | {"at": 0.5}}, sessions="aabbcc")
     static = apply_effects(trials, parts)
@@ -149,6 +148,28 @@ def test_a_step_is_its_parts_in_the_trials_after_it(bench: EffectBench) -> None:
         assert (one.start_pose, one.motion.sha256) == (other.start_pose, other.motion.sha256)
         assert [applied.effect.name for applied in one.effects] == ["session"]
     assert made[4].scene is made[5].scene, "what no motion touches is made once"
+
+
+def test_every_static_effect_can_step() -> None:
+    """Those that come in over a campaign, differ by trial or change what is noted are not."""
+    other = {name for name, one in library().items() if one.stage in ("start", "order", "outcome")}
+    assert {part.name for part in effect("session").parts} == set(library()) - other
+
+
+@pytest.mark.parametrize("part", effect("session").parts, ids=lambda part: part.name)
+def test_each_effect_steps_as_it_acts_throughout(part: Effect, bench: EffectBench) -> None:
+    trials = [replace(bench.block(), motion=bench.pulse(3.0 + i, 2.0)) for i in range(2)]
+    values = part.extreme()
+    step = {f"{part.name}_{key}": value for key, value in values.items()}
+    given = [(effect("session"), effect("session").complete(step))]
+    before, after = with_effects(trials, given, sessions="ab")
+    assert before is trials[0]
+    (throughout,) = with_effects(trials[1:], [(part, values)])
+
+    def made(trial: Trial) -> tuple[object, ...]:
+        return trial.scene.sha256, trial.start_pose, trial.motion.sha256
+
+    assert made(after) == made(throughout) != made(trials[1])
 
 
 @pytest.mark.parametrize("sessions", [2, 3, 5, 11])
@@ -197,5 +218,8 @@ def test_what_is_put_back_by_marks_has_a_narrower_prior() -> None:
     assert turned.parameter("yaw").full_range
     own = put_back.parameter("registration_yaw")
     assert (own.lower, own.upper, own.full_range) == (-30.0, 30.0, False)
-    fixed = {p.name for p in put_back.parameters if p.prior == "fixed"}
-    assert fixed == {"com_offset_distance", "com_offset_azimuth", "slenderness_change"}
+    drawn = {p.name for p in put_back.parameters if p.prior != "fixed"}
+    assert drawn == {
+        "at", "registration_yaw", "registration_lean", "registration_lean_azimuth",
+        "friction_factor", "table_gain_change",
+    }  # fmt: skip

@@ -184,10 +184,11 @@ class Effect:
         self, values: Mapping[str, float]
     ) -> Iterator[tuple[Effect, dict[str, float]]]:
         """The `parts` that are not null, each with its own values."""
+        null = {p.name: p.is_null(values[p.name]) for p in self.parameters}
         for part in self.parts:
-            own = {p.name: values[f"{part.name}_{p.name}"] for p in part.parameters}
-            if not part.is_null(own):
-                yield part, own
+            names = {p.name: f"{part.name}_{p.name}" for p in part.parameters}
+            if not all(null[names[p.name]] for p in part.parameters if not p.secondary):
+                yield part, {name: values[long] for name, long in names.items()}
 
     def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
         """The values in force in one trial: where order, session or chance come in."""

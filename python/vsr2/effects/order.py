@@ -2,16 +2,23 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from vsr2.effects import geometry
-from vsr2.effects.actuation import TableGain
-from vsr2.effects.contact import Friction
+from vsr2.effects import (
+    actuation,
+    beside,
+    contact,
+    geometry,
+    inertia,
+    mechanism,
+    registration,
+    support,
+)
 from vsr2.effects.effect import Circumstances, Effect, effects_in
-from vsr2.effects.geometry import ComOffset, SlendernessEffect
+from vsr2.effects.geometry import SlendernessEffect
 from vsr2.effects.parameter import Parameter
-from vsr2.effects.registration import Registration
 from vsr2.errors import ConfigError
 from vsr2.trial import Trial
 
@@ -86,13 +93,13 @@ class StepEffect(Effect):
                 f"no step does what one at {first['at']:g} and one at {second['at']:g} do",
                 key=f"effects.{self.name}.at",
             )
-        found = {"at": first["at"]}
-        for effect in self.parts:
-            names = {p.name: f"{effect.name}_{p.name}" for p in effect.parameters}
-            both = effect.twice(
-                *({name: one[long] for name, long in names.items()} for one in (first, second))
-            )
-            found |= {names[name]: value for name, value in both.items()}
+        found = self.null() | {"at": first["at"]}
+        acting = [dict(self.acting_parts(values)) for values in (first, second)]
+        for part in self.parts:
+            own = [parts[part] for parts in acting if part in parts]
+            if own:
+                both = part.twice(*own) if len(own) > 1 else own[0]
+                found |= {f"{part.name}_{name}": value for name, value in both.items()}
         return found
 
 
@@ -124,6 +131,8 @@ def _of_parts(
                 replace(
                     parameter,
                     name=name,
+                    # As in the study; unlike NaN it equals itself.
+                    null=math.inf if math.isnan(parameter.null) else parameter.null,
                     prior=parameter.prior if name in drawn else "fixed",
                     lower=lower,
                     upper=upper,
@@ -162,18 +171,23 @@ class Session(StepEffect):
     The step comes before the session that the data choose, as a change point does, all sessions
     being counted as equally long; with one session only, between two trials. What steps is what a
     pause may change. The specimen is put back turned beside its marks, or upon another part of its
-    base. A surface is cleaned or dusty. The table is tuned or calibrated again. Takes the
-    parameters of `registration`, `com_offset`, `slenderness`, `friction` and `table_gain`, under
-    the names of both, each at its own place in the order of application. The offset and the change
-    of slenderness have no prior, since a lean has the first and `change_point` the second; a study
-    may give them.
+    base. A surface is cleaned or dusty. The table is tuned or calibrated again. These have a prior.
+    A study may step any effect that is the same in all trials: takes the parameters of all of them,
+    under the names of both (`restitution_energy_ratio`), each at its own place in the order of
+    application.
     """
 
     name = "session"
     meaning = (
         "From one session on the specimen stands otherwise, or friction or the table are others"
     )
-    parts = (Registration(), ComOffset(), SlendernessEffect(), Friction(), TableGain())
+    parts = tuple(
+        effect
+        for module in (
+            geometry, registration, support, inertia, contact, mechanism, actuation, beside,
+        )
+        for effect in effects_in(module)
+    )  # fmt: skip
     parameters = (
         _place_in_time(0.0, 1.0),
         *_of_parts(
