@@ -37,6 +37,7 @@ def location(
         "effect_size": size,
         "p_familywise": p,
         "concentration": 1.0,
+        "concentration_ci90": [0.7, 1.4],
         "trials": None,
         **found,
     }
@@ -48,7 +49,7 @@ GAP = {"code": "gap", "values": {"none": 0.01, "limit": 0.3}}
 
 LOW_PGA = location(
     {"pga": "low"}, "outcome", "outcome", "response", 0.9, 0.004,
-    concentration=2.4, trials=["A", "B"],
+    concentration=2.4, concentration_ci90=[2.1, 2.9], trials=["A", "B"],
 )  # fmt: skip
 
 CONTENT = {

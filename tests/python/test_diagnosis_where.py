@@ -205,7 +205,7 @@ def test_a_planted_location_is_found_and_holds_most_of_the_effect() -> None:
             if one.stands_out:
                 assert one.feature == LARGEST_TILT
                 assert inside[list(one.trials)].mean() > 0.5
-        assert best.concentration >= SCAN.concentration
+        assert best.concentration_ci90[0] >= SCAN.concentration
         # All of it lies there, but for noise.
         assert best.concentration == pytest.approx(1 / inside.mean(), rel=0.3)
         assert best.effect_size == pytest.approx(3.0, abs=0.7)
@@ -220,6 +220,35 @@ def test_a_planted_location_is_found_and_holds_most_of_the_effect() -> None:
     assert complete.concentration == pytest.approx(1.0)
 
 
+def test_what_one_motion_holds_does_not_stand_out() -> None:
+    """Without that motion its location would hold nothing."""
+    there = schedule()
+    inside = there.log_pga_g >= np.quantile(there.log_pga_g, 2 / 3)
+    one = inside & (there.motion == there.motion[np.argmax(inside)])
+    found = planted(there, one.astype(float), size=80.0)
+    best = next(q for q in found if named(q) == ("intensity", "high") and q.feature == LARGEST_TILT)
+    assert best.is_significant
+    assert best.concentration > SCAN.concentration
+    assert best.concentration_ci90[0] < 1
+    assert not best.stands_out
+
+
+def test_the_share_is_of_outcomes_and_largest_tilts_whatever_the_feature() -> None:
+    there = schedule()
+    inside = there.log_pga_g >= np.quantile(there.log_pga_g, 2 / 3)
+    aloft = LARGEST_TILT._replace(name="time_aloft")
+    rng = np.random.default_rng(8)
+    null = rng.standard_normal((200, 3, inside.size))
+    observed = rng.standard_normal((3, inside.size))
+    observed[1] += 3.0
+    observed[2] += 3.0 * inside
+    found = scan(observed, null, there, (OUTCOME, LARGEST_TILT, aloft))
+    own = next(one for one in found if named(one) == ("intensity", "high") and one.feature == aloft)
+    assert own.is_significant
+    assert own.concentration == pytest.approx(1.0, abs=0.2)
+    assert not own.stands_out
+
+
 def test_concentration_is_the_share_of_the_excess_over_that_of_trials() -> None:
     there = schedule(sessions=4, each=6)
     rng = np.random.default_rng(1)
@@ -232,6 +261,7 @@ def test_concentration_is_the_share_of_the_excess_over_that_of_trials() -> None:
         inside = list(one.trials)
         expected = excess[inside].sum() / excess.sum() / (len(inside) / 24)
         assert one.concentration == pytest.approx(expected)
+        assert one.concentration_ci90[0] <= one.concentration <= one.concentration_ci90[1]
     assert next(o for o in found if named(o) == ("session", "day 2")).concentration > 2
     # Of a step the trials from it on, of a trend the later half.
     members = {named(one): set(one.trials) for one in found}

@@ -48,7 +48,7 @@ def test_the_page_shows_the_numbers() -> None:
         "decay of rocking T9 no number",
         "starts moved by 1e-6 to 1e-4 m and rad: 2.0 %",
         "half the time step: 3.0 %",
-        "low PGA conditions outcome, response 2 +0.90 2.4 0.004",
+        "low PGA conditions outcome, response 2 +0.90 2.4 [2.1, 2.9] 0.004",
         "On 2000 simulated campaigns",
         "The name of one cause needs a probability of 0.85, given a gap.",
         "Names of causes that act together need 0.50. 9 % of names",

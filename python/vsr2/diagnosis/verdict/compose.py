@@ -235,6 +235,7 @@ def _location(one: Location, seen: Observations, trials: NDArray[np.int64]) -> d
         "effect_size": one.effect_size,
         "p_familywise": one.p_familywise,
         "concentration": one.concentration,
+        "concentration_ci90": list(one.concentration_ci90),
         "trials": inside if one.stands_out else None,
     }
 

@@ -136,6 +136,7 @@ class _Location(_Located):
     effect_size: float
     p_familywise: Share
     concentration: float
+    concentration_ci90: tuple[float, float]
     trials: list[str] | None
 
 

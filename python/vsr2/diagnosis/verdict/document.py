@@ -18,10 +18,12 @@ from vsr2.results.atomic import csv_text, write_text
 if TYPE_CHECKING:
     import arviz
 
-Schema = Literal["vsr2.diagnosis/8"]
+Schema = Literal["vsr2.diagnosis/9"]
 SCHEMA: Schema = get_args(Schema)[0]
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
+_NOT_A_COLUMN = ("location", "trials", "concentration_ci90")
+_CONCENTRATION_ENDS = ("concentration_ci90_low", "concentration_ci90_high")
 TABLES = EFFECTS, WHERE, TRIALS = "effects.csv", "where.csv", "trials.csv"
 CHECK_FILE = "posterior_check.json"
 CHECK_FIGURE = "posterior_check.png"
@@ -100,7 +102,8 @@ class Diagnosis(OneLine):
                     {
                         "location": row["location"]["kind"],
                         "values": " ".join(row["location"]["values"].values()),
-                        **{k: row[k] for k in row if k not in ("location", "trials")},
+                        **{k: row[k] for k in row if k not in _NOT_A_COLUMN},
+                        **dict(zip(_CONCENTRATION_ENDS, row["concentration_ci90"], strict=True)),
                     }
                     for row in self.content["where"]
                 ],

@@ -14,8 +14,10 @@ nulls are
 
 Each score is divided by its null deviation; the family's p value is that of the largest score
 (P. H. Westfall and S. S. Young, "Resampling-Based Multiple Testing", 1993). A location stands out
-if it is significant and holds at least twice its share of the effect: of what the squares of all
-residuals exceed those of campaigns without effect.
+if it is significant and surely holds at least twice its share of the effect: the lower end of the
+90 % interval of that share, from a bootstrap over motions, is at least two. The effect is what the
+squares of residuals exceed those of campaigns without effect, of outcomes and largest tilts
+whatever feature the location was found in; of the table's recordings that of the feature itself.
 """
 
 from __future__ import annotations
@@ -29,7 +31,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.features import Feature, FeatureChannel, Phase
+from vsr2.analysis.intervals import INTERVALS
+from vsr2.diagnosis.observed.features import LARGEST_TILT, Feature, FeatureChannel, Phase
 from vsr2.diagnosis.observed.random_streams import Stream, generator
 
 Array = NDArray[np.float64]
@@ -44,7 +47,8 @@ class ScanConstants:
         tie: relative difference of two scores up to which they are one, but for rounding.
         most_runs: runs of a session or motion, on average, up to which they are taken for complete.
         significant: family-wise p value up to which a location counts as found.
-        concentration: share of the effect over share of the trials from which it stands out.
+        concentration: share of the effect over share of the trials that it surely holds if it
+            stands out.
         least_trials: fewer are no location.
         least_known: trials whose intensity is known; fewer are not split into thirds.
         least_weight: added to a score's sum of squared weights, for locations of which nothing is
@@ -122,7 +126,9 @@ class Location:
         feature: of the response: which channel and which phase.
         effect_size: mean residual inside over its noise, in standard deviations of one trial.
         p_familywise: of the largest score of the family.
-        concentration: share of the effect inside, over the share of trials.
+        concentration: share of the effect inside, over the share of trials; 0 where the squares
+            exceed nothing.
+        concentration_ci90: its 90 % interval.
         trials: inside, of those scanned.
     """
 
@@ -132,6 +138,7 @@ class Location:
     effect_size: float
     p_familywise: float
     concentration: float = 1.0
+    concentration_ci90: tuple[float, float] = (1.0, 1.0)
     trials: tuple[int, ...] = ()
 
     def to_json(self) -> dict[str, Any]:
@@ -151,8 +158,8 @@ class Location:
 
     @property
     def stands_out(self) -> bool:
-        """Whether it is significant and holds more than its share of the effect."""
-        return self.is_significant and self.concentration >= SCAN.concentration
+        """Whether it is significant and surely holds more than its share of the effect."""
+        return self.is_significant and self.concentration_ci90[0] >= SCAN.concentration
 
 
 @dataclass(frozen=True, eq=False)
@@ -217,25 +224,54 @@ def scan(
             p_value[:, inside] = np.maximum(p_value[:, inside], _family_p(score[:, inside], moved))
     # What the squares exceed those of gap-free campaigns is the effect's.
     excess = observed**2 - (null**2).mean(axis=0)
+    response = sum(e for e, f in zip(excess, features, strict=True) if f in (OUTCOME, LARGEST_TILT))
+    # Of a trend, the later half; of a step, what follows it.
+    inside = weights > 0
+    counts = _resampled_counts(conditions.motion, rng)
+    of_response = _concentrations(np.asarray(response), inside, counts)
     out = []
     for c, feature in enumerate(features):
-        total = float(excess[c].sum())
+        of_table = feature.channel is FeatureChannel.TABLE
+        shares = _concentrations(excess[c], inside, counts) if of_table else of_response
         for j, one in enumerate(family):
             count = max(int(np.count_nonzero(known[c] * (weights[j] != 0))), 1)
-            size = float(score[c, j] / np.sqrt(count))
-            # Of a trend, the later half; of a step, what follows it.
-            members = np.flatnonzero(weights[j] > 0)
-            share = members.size / weights.shape[1]
-            concentration = 0.0
-            if total > 0 and members.size:
-                concentration = float(excess[c, members].sum()) / total / share
+            value, low, high = (float(part[j]) for part in shares)
             out.append(
                 Location(
-                    one.kind, one.values, feature, size, float(p_value[c, j]), concentration,
-                    tuple(members.tolist()),
+                    one.kind, one.values, feature, float(score[c, j] / np.sqrt(count)),
+                    float(p_value[c, j]), value, (low, high),
+                    tuple(np.flatnonzero(inside[j]).tolist()),
                 )
             )  # fmt: skip
     return sorted(out, key=lambda one: (one.p_familywise, -abs(one.effect_size)))
+
+
+def _resampled_counts(motion: NDArray[np.int64], rng: np.random.Generator) -> Array:
+    """How often each trial is drawn where motions are, shape (1 + resamples, trials); once first.
+
+    Trials of a motion hang together.
+    """
+    motions, index = np.unique(motion, return_inverse=True)
+    count = motions.size
+    drawn = rng.multinomial(count, np.full(count, 1 / count), INTERVALS.replicates)
+    return np.concatenate([np.ones((1, index.size)), drawn[:, index]])
+
+
+def _concentrations(excess: Array, inside: NDArray[np.bool_], counts: Array) -> Array:
+    """Share of the effect over share of the trials, and its interval, shape (3, locations).
+
+    The interval is of resamples that hold a trial of the location.
+
+    Args:
+        excess: of each trial, shape (trials,).
+        inside: shape (locations, trials).
+        counts: see :func:`_resampled_counts`.
+    """
+    own, size = counts @ (inside * excess).T, counts @ inside.T
+    mean = (counts @ excess / counts.sum(axis=1))[:, None]
+    share = np.divide(own, size * mean, out=np.zeros(own.shape), where=(size > 0) & (mean > 0))
+    share[size == 0] = np.nan
+    return np.concatenate([share[:1], np.nanquantile(share[1:], INTERVALS.inner, axis=0)])
 
 
 def _scores(residual: Array, variance: Array, weights: Array) -> Array:
