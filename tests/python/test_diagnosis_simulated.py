@@ -21,7 +21,7 @@ from vsr2.diagnosis.simulated.campaigns import (
 )
 from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY, AlternativeContact
 from vsr2.diagnosis.simulated.library import free_parameters, primary_parameters, sides, values_at
-from vsr2.diagnosis.simulated.look import LOOK, Limit, look
+from vsr2.diagnosis.simulated.look import LOOK, Limit, look, most_tried
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import library as full_library
@@ -147,6 +147,31 @@ def test_fewer_trials_look_for_all_of_them() -> None:
     assert found.limits["wear", 1].share == pytest.approx(3 / 4 / np.sqrt(40), rel=0.15)
     # Two draws of twelve trials at six sizes, and those without effect.
     assert few.runs == 2 * 12 * len(LOOK.shares) + 40 * LOOK.plain
+
+
+def test_a_trial_that_flips_by_chance_moves_a_limit_by_one_step_at_most() -> None:
+    """Of 240 trials 60 are tried, and one of these moves at one small share, under both draws."""
+    first = np.arange(240) == 0
+
+    def lossy(values):
+        share = values[0] / 0.15
+        return loss(4.0)(values) + 20 * SCATTER * first * (0.01 < share < 0.02)
+
+    steady, flipped = (
+        limits_of({"wear": act}, trials=240).limits["wear", 1] for act in (loss(4.0), lossy)
+    )
+    assert steady.share == pytest.approx(LOOK.signal / 4 / np.sqrt(240), rel=0.15)
+    # Shares are four apart. A largest signal so far would put it at 0.005.
+    assert 0.25 * steady.share < flipped.share < 1.2 * steady.share
+    assert not flipped.jumps
+
+
+def test_a_quarter_of_many_trials_is_tried() -> None:
+    assert [most_tried(n) for n in (12, 150, 160, 161, 585)] == [40, 40, 40, 41, 147]
+    many = LinearSimulator({"wear": loss(4.0)}, trials=240)
+    with SimulationCache(many) as cache:
+        look(cache, 240)
+    assert many.runs == 2 * 60 * len(LOOK.shares) + 240 * LOOK.plain
 
 
 # --- campaigns -----------------------------------------------------------------------------------

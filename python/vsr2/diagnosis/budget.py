@@ -14,7 +14,7 @@ from vsr2.diagnosis.how_far.waterfall import simulations as waterfall_simulation
 from vsr2.diagnosis.noise_floor import NOISE_FLOOR
 from vsr2.diagnosis.simulated.cache import SimulationCache
 from vsr2.diagnosis.simulated.library import Library
-from vsr2.diagnosis.simulated.look import LOOK, tries
+from vsr2.diagnosis.simulated.look import LOOK, most_tried, tries
 from vsr2.errors import DiagnosisError
 
 
@@ -139,12 +139,12 @@ class Schedule:
         self._watch = watch
         self._training = SCHEDULE.training_s
         allowed = self.allowed()
-        self.look_trials, self.plain = LOOK.trials, LOOK.plain
+        self.look_trials, self.plain = most_tried(trials), LOOK.plain
         if budget.campaigns is None:
             afforded = int(SCHEDULE.plain_share * allowed / max(trials, 1))
             self.plain = max(LOOK.fewest_plain, min(LOOK.plain, afforded))
             share = int(SCHEDULE.look_share * allowed / max(tries(library), 1))
-            self.look_trials = max(LOOK.fewest, min(LOOK.trials, share))
+            self.look_trials = max(LOOK.fewest, min(most_tried(trials), share))
 
     @property
     def campaigns(self) -> int | None:

@@ -24,7 +24,7 @@ from vsr2.diagnosis.simulated.library import Library, free_parameters
 from vsr2.errors import ResultError
 from vsr2.results.atomic import write_atomic
 
-FORMAT = 9
+FORMAT = 10
 """Of the file, and of features and their noise: a posterior of another form is trained again."""
 
 

@@ -7,6 +7,7 @@ are drawn in detection limits, and each effect's limit is found first, on a few 
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -36,7 +37,9 @@ class LookConstants:
 
     Attributes:
         shares: of the range on one side of the null at which an effect is tried.
-        trials: on which effects are tried at most.
+        trials: on which effects are tried at most, where the campaign has few.
+        part: of a campaign's trials on which effects are tried at most, where it has many: what few
+            trials show of many is chance.
         fewest: such trials, however small the budget.
         plain: draws of nuisances without effect, from which the scatter of each trial is taken, at
             most.
@@ -48,6 +51,7 @@ class LookConstants:
         least_scatter: of a trial, over the median of all.
         least_log_tilt: scatter of a trial at least, of the logarithm of its largest tilt.
         moved: largest tilt above which a trial is one that responds [rad].
+        least_error: standard error of a squared signal at least, as where nothing moves.
         jump: signal over that at the limit, at the smallest share, from which an effect jumps.
         least_signal: share of the squared signal at the limit that a squared signal counts for at
             least where a limit is interpolated.
@@ -56,6 +60,7 @@ class LookConstants:
 
     shares: tuple[float, ...] = (1.0, 0.25, 0.0625, 0.015625, 0.00390625, 0.0009765625)
     trials: int = 40
+    part: float = 0.25
     fewest: int = 12
     plain: int = 48
     fewest_plain: int = 24
@@ -65,6 +70,7 @@ class LookConstants:
     least_scatter: float = 0.3
     least_log_tilt: float = 1e-3
     moved: float = 0.01
+    least_error: float = 1.0
     jump: float = 1.0
     least_signal: float = 1e-2
     penalty: float = 1.0
@@ -104,11 +110,16 @@ def tries(library: Library) -> int:
     return 2 * len(LOOK.shares) * sum(len(sides(effect)) for effect in library.values())
 
 
+def most_tried(trials: int) -> int:
+    """Trials of a campaign on which effects are tried at most."""
+    return max(LOOK.trials, math.ceil(LOOK.part * trials))
+
+
 def look(
     cache: SimulationCache,
     trials: int,
     *,
-    most: int = LOOK.trials,
+    most: int | None = None,
     plain: int = LOOK.plain,
     seed: int = 0,
     progress: Progress | None = None,
@@ -123,7 +134,7 @@ def look(
     Args:
         cache: of simulations.
         trials: of the campaign.
-        most: trials on which effects are tried.
+        most: trials on which effects are tried; None: :func:`most_tried`.
         plain: draws of nuisances without effect.
         seed: of the secondary parameters.
         progress: called with simulations done and all.
@@ -133,7 +144,8 @@ def look(
     bare = _severity(cache.run(requests)).reshape(plain, trials)
     responding = np.flatnonzero(np.nanmax(bare, axis=0) > np.log(LOOK.moved))
     chosen = responding if responding.size else np.arange(trials)
-    chosen = chosen[np.linspace(0, chosen.size - 1, min(most, chosen.size)).astype(int)]
+    tried = min(most_tried(trials) if most is None else most, chosen.size)
+    chosen = chosen[np.linspace(0, chosen.size - 1, tried).astype(int)]
     ladders = [(name, side) for name, effect in library.items() for side in sides(effect)]
     rng = generator(seed, Stream.LOOK)
     requests = []
@@ -157,11 +169,11 @@ def look(
     known = np.nan_to_num((bare[:, chosen] - np.nanmean(bare[:, chosen], axis=0)) / scatter)
     response = ridge(nuisances, known, LOOK.penalty)
     metric = np.linalg.inv(np.eye(chosen.size) + response.T @ response)
-    signal = np.einsum("lsi,ij,lsj->ls", change[..., 0], metric, change[..., 1])
-    signal *= max(responding.size, 1) / chosen.size
-    return Look(
-        {ladder: _limit(row) for ladder, row in zip(ladders, signal, strict=True)}, responding
-    )
+    parts = change[..., 0] * (change[..., 1] @ metric)
+    scale = max(responding.size, 1) / chosen.size
+    signal, error = scale * parts.sum(axis=2), scale * parts.std(axis=2) * np.sqrt(chosen.size)
+    limits = [_limit(*row) for row in zip(signal, error, strict=True)]
+    return Look(dict(zip(ladders, limits, strict=True)), responding)
 
 
 def _draws(i: int) -> tuple[int, int]:
@@ -175,13 +187,21 @@ def _severity(found: Responses) -> Array:
     return np.where(np.isfinite(found.overturned), np.log(tilt), np.nan)
 
 
-def _limit(squared: Array) -> Limit:
+def _limit(squared: Array, error: Array) -> Limit:
     """Share at which the signal reaches the limit, by interpolation of logarithms.
+
+    A signal does not fall with the share, so all shares have one isotonic fit, weighted by their
+    errors: a trial that happens to flip under both draws is no signal.
 
     Args:
         squared: signals at `LOOK.shares`, squared.
+        error: standard errors of these.
     """
-    rising = np.maximum.accumulate(np.maximum(squared[::-1], 1e-6))
+    from scipy.optimize import isotonic_regression
+
+    weights = 1 / (error**2 + LOOK.least_error**2)
+    fitted = isotonic_regression(squared[::-1], weights=weights[::-1]).x
+    rising = np.maximum(fitted, 1e-6)
     shares, wanted = np.log(LOOK.shares[::-1]), LOOK.signal**2
     jumps = bool(rising[0] > LOOK.jump**2 * wanted)
     if rising[-1] < wanted:
