@@ -2,6 +2,9 @@
 
 from __future__ import annotations
 
+import math
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -9,9 +12,9 @@ from vsr2.diagnosis.margins.acting_posterior import sample_posterior
 from vsr2.diagnosis.margins.cause_space import CauseSpace, cause_space
 from vsr2.diagnosis.margins.margin_emulator import fit_emulator
 from vsr2.diagnosis.margins.outcome_model import OutcomeModel, emulated_nuisances
-from vsr2.diagnosis.margins.session_steps import SeenScenes, session_steps
+from vsr2.diagnosis.margins.session_steps import SeenScenes, _Joined, _scale, session_steps
 from vsr2.diagnosis.margins.trial_groups import TrialGroups
-from vsr2.effects import Circumstances, library
+from vsr2.effects import Circumstances, Parameter, library
 
 TRIALS = 60
 SESSIONS = [str(i // 12) for i in range(TRIALS)]
@@ -174,3 +177,13 @@ def test_a_campaign_whose_rock_grows_slender_midway_has_a_step(steps, learnt) ->
     # Each is expected with 1/3.
     assert found["planted"] > 0.8
     assert found["none"] < 0.6
+
+
+def test_a_step_from_an_infinite_null_has_a_size() -> None:
+    """A corner has no null: its range begins at the end of the prior next to infinity."""
+    stepped = Parameter("corner", "Hz", math.inf, 5.0, 40.0, "loguniform", "cut-off")
+    own = replace(stepped, lower=10.0)
+    joined = _Joined(own, stepped, "input_filter", 0, "", None)
+    share = np.array([0.0, 0.5, 1.0])
+    expected = np.log(10 / 40) / np.log(5 / 40)
+    np.testing.assert_allclose(_scale(joined, share), expected, rtol=1e-4)

@@ -12,9 +12,9 @@ import pytest
 
 from vsr2 import apply_effects, run_batch
 from vsr2.config.study import Output
-from vsr2.effects import Effect, effect, library, with_effects
+from vsr2.effects import Effect, check_study_effects, effect, library, with_effects
 from vsr2.effects.standing import mass_height, support_of
-from vsr2.errors import GeometryError
+from vsr2.errors import ConfigError, GeometryError, SimulationError
 from vsr2.motion import Record, build_recorded_motion
 from vsr2.scene.rotation import matrix_from_quaternion
 from vsr2.simulation.bench import EffectBench
@@ -150,10 +150,14 @@ def test_a_step_is_its_parts_in_the_trials_after_it(bench: EffectBench) -> None:
     assert made[4].scene is made[5].scene, "what no motion touches is made once"
 
 
-def test_every_static_effect_can_step() -> None:
-    """Those that come in over a campaign, differ by trial or change what is noted are not."""
+def test_what_adds_to_itself_can_step() -> None:
+    """What acts over a campaign, differs by trial or changes what is noted is not static."""
     other = {name for name, one in library().items() if one.stage in ("start", "order", "outcome")}
-    assert {part.name for part in effect("session").parts} == set(library()) - other
+    once = {name for name, one in library().items() if one.once}
+    later = {"restitution", "friction_rate", "input_channel"}
+    parts = {part.name for part in effect("session").parts}
+    assert parts == set(library()) - other - once - later
+    assert len(parts) == 20
 
 
 @pytest.mark.parametrize("part", effect("session").parts, ids=lambda part: part.name)
@@ -170,6 +174,40 @@ def test_each_effect_steps_as_it_acts_throughout(part: Effect, bench: EffectBenc
         return trial.scene.sha256, trial.start_pose, trial.motion.sha256
 
     assert made(after) == made(throughout) != made(trials[1])
+
+
+@pytest.mark.parametrize("part", effect("session").parts, ids=lambda part: part.name)
+def test_a_step_acts_on_top_of_what_acts_in_all_trials(part: Effect, bench: EffectBench) -> None:
+    """In one go, as `vsr2 run` has it, and after the scene's own, as a diagnosis has it."""
+    trials = [replace(bench.block(), motion=bench.pulse(3.0 + i, 2.0)) for i in range(2)]
+    values = part.extreme()
+    own = effect("session")
+    step = own.complete({f"{part.name}_{key}": value for key, value in values.items()})
+    both = with_effects(trials, [(own, step), (part, values)], sessions="ab")
+    scene = with_effects(trials, [(part, values)], sessions="ab")
+    on_top = with_effects(scene, [(own, step)], sessions="ab")
+
+    def made(trial: Trial) -> tuple[object, ...]:
+        return trial.scene.sha256, trial.start_pose, trial.motion.sha256
+
+    assert [made(one) for one in both] == [made(one) for one in on_top]
+    assert made(both[0]) == made(scene[0])
+    if part.name not in ("catch", "table_saturation"):  # Of two caps the least holds.
+        assert made(both[1]) != made(scene[1])
+
+
+def test_what_cannot_act_twice_is_refused_as_a_part_too(bench: EffectBench) -> None:
+    trial = bench.block()
+    rounded = {"radius": 0.004}
+    step = {"edge_rounding_radius": 0.002, "at": 0.1}
+    for given in ({"edge_rounding": rounded, "change_point": step},):
+        with pytest.raises(SimulationError, match="edge_rounding acts already"):
+            apply_effects([trial, trial], given)
+    (first,) = apply_effects([trial], {"edge_rounding": rounded})
+    with pytest.raises(SimulationError, match=r"change_point.*edge_rounding acts already"):
+        apply_effects([first, first], {"change_point": step})
+    with pytest.raises(ConfigError, match=r"change_point.edge_rounding_radius: `edge_rounding` ac"):
+        check_study_effects({"edge_rounding": rounded, "change_point": step}, "mine")
 
 
 @pytest.mark.parametrize("sessions", [2, 3, 5, 11])
@@ -223,3 +261,12 @@ def test_what_is_put_back_by_marks_has_a_narrower_prior() -> None:
         "at", "registration_yaw", "registration_lean", "registration_lean_azimuth",
         "friction_factor", "table_gain_change",
     }  # fmt: skip
+
+
+def test_a_fixed_parameter_that_gets_ends_is_drawn() -> None:
+    own = effect("session").with_prior("rolling_resistance_arm", 0.0, 0.001)
+    found = own.parameter("rolling_resistance_arm")
+    assert (found.prior, found.ppf(0.5)) == ("uniform", 0.0005)
+    assert (
+        effect("friction").with_prior("factor", 0.5, 2.0).parameter("factor").prior == "loguniform"
+    )

@@ -164,12 +164,12 @@ def test_steps_at_one_place_make_one_and_others_are_refused() -> None:
 
 def test_steps_of_different_effects_at_one_place_make_one() -> None:
     own = library()["session"]
-    impact, cleaned = {"restitution_energy_ratio": 0.8}, {"friction_factor": 0.7}
-    steps = [own.complete({"at": 0.4} | step) for step in (impact, cleaned)]
-    both = own.complete({"at": 0.4} | impact | cleaned)
+    soft, cleaned = {"rolling_resistance_arm": 0.002}, {"friction_factor": 0.7}
+    steps = [own.complete({"at": 0.4} | step) for step in (soft, cleaned)]
+    both = own.complete({"at": 0.4} | soft | cleaned)
     assert own.twice(*steps) == own.twice(*reversed(steps)) == both
-    later = own.twice(own.twice(*steps), own.complete({"at": 0.4, "restitution_energy_ratio": 0.9}))
-    assert later == both | {"restitution_energy_ratio": 0.9}
+    more = own.twice(own.twice(*steps), own.complete({"at": 0.4} | soft))
+    assert more == both | {"rolling_resistance_arm": 0.004}
 
 
 @pytest.mark.parametrize("one", BUILT_IN, ids=by_name)

@@ -161,8 +161,7 @@ def with_effect(
     own = _in_force(one, values, here)
     if own is None:
         return trial
-    if one.once:
-        _assert_once(one, [trial])
+    _assert_once(trial, [own])
     made = trial
     for hook in _hooks([(one, {0: own})]):
         made = _made(made, hook, hook.values[0]) if hook.values else made
@@ -224,9 +223,9 @@ def each_with_effects(
         return found
 
     acting = [(one, applied(one, values)) for one, values in effects]
-    for one, where in acting:
-        if one.once:
-            _assert_once(one, [trials[i] for i in where])
+    if any(one.once or any(part.once for part in one.parts) for one, _ in acting):
+        for i in wanted:
+            _assert_once(trials[i], [where[i] for _, where in acting if i in where])
     by_trial = frozenset(one.name for one, values in effects if isinstance(values, ByTrial))
     yield from _changed(trials, acting, wanted, made or MadeEarlier(), by_trial)
 
@@ -237,14 +236,28 @@ def _drawing(one: Effect, seed: int, index: int) -> np.random.Generator:
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
 
-def _assert_once(one: Effect, trials: Sequence[Trial]) -> None:
-    """Refuse an effect that is in one of the trials already."""
-    if any(applied.effect.name == one.name for trial in trials for applied in trial.effects):
-        raise SimulationError(
-            f"acts already, and cannot act twice: {one.once}; leave one of them out",
-            key=f"effects.{one.name}",
-            fault=Fault.acts_already,
-        )
+def _assert_once(trial: Trial, added: Sequence[Applied]) -> None:
+    """Refuse what cannot act twice where it would, by itself or as a part of another effect."""
+    there = {one.name for applied in trial.effects for one in _acting_once(applied)}
+    for applied in added:
+        for one in _acting_once(applied):
+            if one.name in there:
+                raise SimulationError(
+                    f"{one.name} acts already, and cannot act twice: {one.once}; leave one of them "
+                    "out",
+                    key=f"effects.{applied.effect.name}",
+                    fault=Fault.acts_already,
+                )
+            there.add(one.name)
+
+
+def _acting_once(applied: Applied) -> list[Effect]:
+    """What cannot act twice, of an effect and its parts."""
+    one = applied.effect
+    if not isinstance(one, Effect):
+        return []
+    parts = [part for part, _ in one.acting_parts(dict(applied.values))] if one.parts else []
+    return [own for own in (one, *parts) if own.once]
 
 
 def _in_force(one: Effect, given: Mapping[str, float], here: Mapping[str, float]) -> Applied | None:
@@ -439,7 +452,10 @@ class _Hook:
 
 
 def _hooks(effects: Sequence[tuple[Effect, Mapping[int, Applied]]]) -> list[_Hook]:
-    """Of all effects, and of the parts of those with some, in the order of application."""
+    """Of all effects, and of the parts of those with some, in the order of application.
+
+    A part comes after the effect of its name: a step acts on top of what acts in all trials.
+    """
     found = []
     for one, where in effects:
         known = {id(applied): dict(applied.values) for applied in where.values()}
@@ -450,7 +466,7 @@ def _hooks(effects: Sequence[tuple[Effect, Mapping[int, Applied]]]) -> list[_Hoo
                 found.append(_Hook(part, own, one))
         elif one.stage != "outcome":
             found.append(_Hook(one, {i: known[id(applied)] for i, applied in where.items()}))
-    return sorted(found, key=lambda hook: place(hook.effect))
+    return sorted(found, key=lambda hook: (place(hook.effect), hook.composite is not None))
 
 
 def _made(trial: Trial, hook: _Hook, values: dict[str, float]) -> Trial:

@@ -226,6 +226,8 @@ class Effect:
     def with_prior(self, name: str, lower: float, upper: float, shape: Prior | None = None) -> Self:
         """The same effect with other ends, and maybe another shape, of a parameter's prior.
 
+        A fixed parameter gets a uniform prior, where no shape is given.
+
         Raises:
             ConfigError: there is no such parameter, or it cannot be simulated that far.
         """
@@ -239,8 +241,9 @@ class Effect:
             )
         try:
             wide = replace(
-                old, lower=lower, upper=upper, limits=(low, high), prior=shape or old.prior
-            )
+                old, lower=lower, upper=upper, limits=(low, high),
+                prior=shape or ("uniform" if old.prior == "fixed" else old.prior),
+            )  # fmt: skip
         except ConfigError as error:
             raise ConfigError(error.message, key=f"effects.{self.name}.{name}") from None
         made = copy(self)
@@ -319,6 +322,14 @@ class Effect:
             for p in self.parameters
         }
 
+    def _acting_alone(self) -> str:
+        """Parameters of which a study needs one; of many those with a prior."""
+        primary = [p for p in self.parameters if not p.secondary]
+        drawn = [p for p in primary if p.prior != "fixed"]
+        names = [f"`{p.name}`" for p in drawn or primary]
+        others = ["another of its parameters"] if drawn and len(drawn) < len(primary) else []
+        return " or ".join(names + others)
+
     def accept(self, given: Mapping[str, float | str]) -> dict[str, float]:
         """Values as a study writes them, checked and completed.
 
@@ -328,7 +339,7 @@ class Effect:
         """
         if all([self.parameter(name).secondary for name in given]):
             key = f"effects.{self.name}" + (f".{next(iter(given))}" if given else "")
-            own = " or ".join(f"`{p.name}`" for p in self.parameters if not p.secondary)
+            own = self._acting_alone()
             what = "does nothing on its own" if given else "without parameters does nothing"
             raise ConfigError(f"{what}; give {own} too, or leave the effect out", key=key)
         return {

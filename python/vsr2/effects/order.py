@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
@@ -14,7 +13,6 @@ from vsr2.effects import (
     inertia,
     mechanism,
     registration,
-    support,
 )
 from vsr2.effects.effect import Circumstances, Effect, effects_in
 from vsr2.effects.geometry import SlendernessEffect
@@ -131,8 +129,6 @@ def _of_parts(
                 replace(
                     parameter,
                     name=name,
-                    # As in the study; unlike NaN it equals itself.
-                    null=math.inf if math.isnan(parameter.null) else parameter.null,
                     prior=parameter.prior if name in drawn else "fixed",
                     lower=lower,
                     upper=upper,
@@ -141,6 +137,11 @@ def _of_parts(
                 )
             )
     return tuple(found)
+
+
+def _adds_to_itself(effect: Effect) -> bool:
+    """Whether a step of an effect acts on top of what it does in all trials."""
+    return not effect.once and all(parameter.twice != "later" for parameter in effect.parameters)
 
 
 class ChangePoint(StepEffect):
@@ -172,9 +173,10 @@ class Session(StepEffect):
     being counted as equally long; with one session only, between two trials. What steps is what a
     pause may change. The specimen is put back turned beside its marks, or upon another part of its
     base. A surface is cleaned or dusty. The table is tuned or calibrated again. These have a prior.
-    A study may step any effect that is the same in all trials: takes the parameters of all of them,
-    under the names of both (`restitution_energy_ratio`), each at its own place in the order of
-    application.
+    A study may step other effects that are the same in all trials, too: takes their parameters,
+    under the names of both (`rolling_resistance_arm`), each at its own place in the order of
+    application. What cannot act twice does not step, nor does an effect of which the later value
+    holds (`restitution`, `friction_rate`, `input_channel`).
     """
 
     name = "session"
@@ -183,11 +185,10 @@ class Session(StepEffect):
     )
     parts = tuple(
         effect
-        for module in (
-            geometry, registration, support, inertia, contact, mechanism, actuation, beside,
-        )
+        for module in (geometry, registration, inertia, contact, mechanism, actuation, beside)
         for effect in effects_in(module)
-    )  # fmt: skip
+        if _adds_to_itself(effect)
+    )
     parameters = (
         _place_in_time(0.0, 1.0),
         *_of_parts(

@@ -128,6 +128,11 @@ def check_study_effects(
             problems.append(Problem(("effects", name), error.message))
             continue
         found = len(problems)
+        for part in (part for part in one.parts if part.once and part.name in given):
+            key = next((k for k in values if k.startswith(f"{part.name}_")), None)
+            if key is not None:
+                what = f"`{part.name}` acts already, and cannot act twice: {part.once}"
+                problems.append(Problem(("effects", name, key), f"{what}; leave one of them out"))
         for key, value in values.items():
             try:
                 one.parameter(key).accept(value, f"effects.{name}.{key}", warn=False)

@@ -8,6 +8,7 @@ of their range. But a lean keeps its direction in plan where a step turns the sp
 
 from __future__ import annotations
 
+import math
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
@@ -39,11 +40,13 @@ class StepTableConstants:
     """How finely the effects of steps are tabled; chosen by hand.
 
     Attributes:
+        beside: share of a range that stands for its null where that is infinite.
         grid_points: among the sessions, from the first to the last, at which what acts in each
             trial is tabled: fewer trials lie between two of them.
         shares: of a range, from -1 to 1, at which a parameter's values are tabled.
     """
 
+    beside: float = 1e-6
     grid_points: int = 401
     shares: int = 201
 
@@ -296,7 +299,13 @@ def _scale(one: _Joined, share: Array) -> Array:
     """Range of a step's parameter over that of the one it steps, on the side of a share."""
 
     def extent(parameter: Parameter, side: float) -> float:
-        ends = np.array([parameter.null, value_at(parameter, side)])
+        # Where the null is infinite, from the end of the prior next to it.
+        null = (
+            parameter.null
+            if math.isfinite(parameter.null)
+            else value_at(parameter, side * STEP_TABLE.beside)
+        )
+        ends = np.array([null, value_at(parameter, side)])
         return float(np.diff(np.log(ends) if parameter.prior == "loguniform" else ends)[0])
 
     below, above = (extent(one.own, side) / extent(one.stepped, side) for side in (-1.0, 1.0))
