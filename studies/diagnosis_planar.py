@@ -13,8 +13,9 @@ that lacks another class (a decoy), as which the unknown ones must not merely lo
 Writes `campaigns.csv`, one row a planted campaign, tier and number of simulated campaigns, and
 `table.csv`, one row a tier and number, as committed in docs/results/diagnosis_planar. Detection
 limits are of tier M, the same for all tiers; `outcome_signal` says how much outcomes alone hold of
-an effect, in standard deviations, and 6 is twice the limit of that tier. Probabilities
-are those of classes, a pair's of the one that leads; `p_true` of a pair is that of both.
+an effect, in standard deviations, and 6 is twice the limit of that tier. `where_gain` is the share
+of the effect over that of the trials, in the median location that stands out. Probabilities are
+those of classes, a pair's of the one that leads; `p_true` of a pair is that of both.
 """
 
 from __future__ import annotations
@@ -31,15 +32,24 @@ from numpy.typing import NDArray
 from planar.planar_simulator import PlanarSimulator
 from planted import Rehearsal, shaken_campaign
 from vsr2.analysis.intervals import calibration_error
+from vsr2.blind.custodian.campaign_recording import RECORDING
+from vsr2.blind.custodian.pack_making import MAKING
+from vsr2.diagnosis.observed.observations import Observations
 from vsr2.diagnosis.posterior.calibration import label_probability, label_set
 from vsr2.diagnosis.posterior.summaries import SUMMARY
 from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.campaigns import Acting, simulate_campaigns
+from vsr2.diagnosis.simulated.campaigns import (
+    FIRST_NUISANCE,
+    Acting,
+    Campaigns,
+    simulate_campaigns,
+)
 from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters
 from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
 from vsr2.diagnosis.simulated.look import LOOK
 from vsr2.diagnosis.simulated.simulator import Effects, Request
+from vsr2.diagnosis.where.locations import where_it_lies
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -143,6 +153,36 @@ def magnitude(found: Found, posterior: Posterior, one: Acting) -> Row:
     }
 
 
+def changes(
+    truth: SimulationCache, planted: Campaigns, trials: NDArray[np.int64], rows: Iterable[int]
+) -> Array:
+    """What effects change in each trial, shape (campaigns, trials).
+
+    The change of the outcome plus that of the logarithm of the largest tilt, against the same
+    campaign without the effect, as a key of a blind pack has it.
+    """
+    requests = [Request(int(i), (), FIRST_NUISANCE + c, 1) for c in rows for i in trials]
+    nominal = truth.run(requests)
+    shape = planted.overturned.shape
+    tilts = [
+        np.log(np.clip(tilt, MAKING.least_tilt, RECORDING.range))
+        for tilt in (planted.peak_tilt, nominal.peak_tilt.reshape(shape))
+    ]
+    flipped = planted.overturned != nominal.overturned.reshape(shape)
+    return np.asarray(flipped + np.abs(tilts[0] - tilts[1]))
+
+
+def located(
+    found: Found, posterior: Posterior, seen: Observations, trials: NDArray[np.int64], change: Array
+) -> Row:
+    """Share of the effect over share of the trials, in the median of what stands out."""
+    locations = where_it_lies(seen, trials, found.residuals, posterior.gap_free, 0)
+    inside = [list(one.trials) for one in locations if one.stands_out]
+    mean = float(change.mean())
+    gains = [float(change[own].mean()) / mean for own in inside] if mean > 0 else []
+    return {"located": int(bool(inside)), "where_gain": float(np.median(gains)) if gains else ""}
+
+
 def table(rows: list[Row]) -> list[Row]:
     """Scores by tier and number of simulated campaigns."""
     return [
@@ -186,6 +226,10 @@ def scores(rows: list[Row]) -> Row:
         "calibration_error": _calibration(stated),
         "error_strong": _median(row["error"] for row in strong),
         "inside": _mean(row["inside"] for row in single),
+        "located_strong": _mean(row["located"] for row in strong),
+        "where_gain": _median(row["where_gain"] for row in strong if row["located"]),
+        "where_twice": _mean(row["where_gain"] >= 2 for row in strong if row["located"]),
+        "where_false": _mean(row["located"] for row in none),
         "nones": len(none),
         "nones_named": _mean(row["verdict"] in NAMED for row in none),
         "nones_said": _mean(row["verdict"] == NONE for row in none),
@@ -258,6 +302,9 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
         truth, rehearsal.look, rehearsal.trials,
         range(FIRST, FIRST + options.planted), seed=options.seed + 5,
     )  # fmt: skip
+    changed = changes(
+        truth, planted, rehearsal.trials, range(FIRST, FIRST + options.planted)
+    )  # fmt: skip
     rng = np.random.default_rng([options.seed, 6])
     signals = [
         outcome_signal(truth, acting, rehearsal.trials) if acting else 0.0
@@ -276,6 +323,8 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
                 found = posterior.infer(planted.overturned[i], noted[i])
                 row = place | row_of(found, posterior, kind, acting)
                 row["outcome_signal"] = signals[i]
+                if kind != "pair":
+                    row |= located(found, posterior, seen, rehearsal.trials, changed[i])
                 if kind == "single":
                     row |= magnitude(found, posterior, acting[0])
                 rows.append(row)
