@@ -212,6 +212,10 @@ def test_effects_of_the_scene_act_before_those_that_are_drawn(study) -> None:
     pitching = {"table_pitch": {"compliance": 0.01}}
     engine = build_engine("bullet", study.model_copy(update={"effects": pitching}))
     assert set(bare.effects) - set(engine.effects) == {"table_pitch"}
+    # In the first trial nothing acts yet.
+    chipped = {"change_point": {"at": 0.5, "edge_rounding_radius": 0.004}}
+    engine = build_engine("bullet", study.model_copy(update={"effects": chipped}))
+    assert set(bare.effects) - set(engine.effects) == {"edge_rounding"}
 
 
 def test_draws_of_the_scene_are_no_draws_of_the_custodian(study) -> None:

@@ -13,12 +13,13 @@ from vsr2.diagnosis import Diagnosis
 from vsr2.diagnosis.corrected import (
     corrected_study,
     drawn_studies,
+    scene_with,
     with_correction,
     write_corrected,
     write_draws,
 )
 from vsr2.diagnosis.simulated.library import free_parameters
-from vsr2.effects import Effect, EffectRangeWarning, effect
+from vsr2.effects import Effect, EffectRangeWarning, chosen, effect, with_effects
 from vsr2.errors import DiagnosisError
 from vsr2.fragility import load_fragility
 from vsr2.simulation import study_trials
@@ -85,6 +86,20 @@ def test_what_is_named_is_put_on_top_of_the_scene_s_own() -> None:
     assert made is not None
     assert made.effects == found.content["corrected"]["scene"]
     assert made.model_copy(update={"effects": study.effects}) == study
+
+
+def test_a_turn_takes_the_scene_s_own_offset_with_it() -> None:
+    """In a study the turn comes first, and the offset's azimuth is that of the table."""
+    own = {"com_offset": {"distance": 0.01, "azimuth": 300.0}}
+    found = scene_with(scene(own), {"registration": {"yaw": 90.0}}).effects
+    assert found["com_offset"] == {"distance": 0.01, "azimuth": 30.0}
+    assert found["registration"] == {"yaw": 90.0}
+    trials = study_trials(scene())
+    turn = (effect("registration"), effect("registration").accept({"yaw": 90.0}))
+    on_top = with_effects(with_effects(trials, chosen(own)), [turn])[0]
+    corrected = with_effects(trials, chosen(found))[0]
+    for of in (lambda one: one.scene.rock.mass.mass_center, lambda one: one.start_pose.orientation):
+        np.testing.assert_allclose(of(corrected), of(on_top), atol=1e-12)
 
 
 def test_of_each_cause_the_first_is_taken() -> None:

@@ -206,8 +206,12 @@ def test_what_cannot_act_twice_is_refused_as_a_part_too(bench: EffectBench) -> N
     (first,) = apply_effects([trial], {"edge_rounding": rounded})
     with pytest.raises(SimulationError, match=r"change_point.*edge_rounding acts already"):
         apply_effects([first, first], {"change_point": step})
-    with pytest.raises(ConfigError, match=r"change_point.edge_rounding_radius: `edge_rounding` ac"):
+    with pytest.raises(ConfigError, match=r"effects.change_point: edge_rounding acts already"):
         check_study_effects({"edge_rounding": rounded, "change_point": step}, "mine")
+    # What is null does not act.
+    check_study_effects({"edge_rounding": {"radius": 0.0}, "change_point": step}, "mine")
+    narrower = {"edge_rounding_radius": 0.0, "slenderness_change": 0.05}
+    check_study_effects({"edge_rounding": rounded, "change_point": narrower}, "mine")
 
 
 @pytest.mark.parametrize("sessions", [2, 3, 5, 11])

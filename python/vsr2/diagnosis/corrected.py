@@ -94,6 +94,7 @@ def with_effects_on_top(study: Study, added: Mapping[str, Mapping[str, float]]) 
     with warnings.catch_warnings():
         # Whoever simulates the scene is warned.
         warnings.simplefilter("ignore", EffectRangeWarning)
+        _turn_offset(out, added.get("registration", {}).get("yaw", 0.0))
         for name, values in added.items():
             one = effect(name)
             own = one.accept(out[name]) if name in out else one.null()
@@ -101,6 +102,18 @@ def with_effects_on_top(study: Study, added: Mapping[str, Mapping[str, float]]) 
         out = {name: own for name, own in out.items() if own}
         check_study_effects(out, study.name)
     return out
+
+
+def _turn_offset(out: dict[str, dict[str, Any]], turn: float) -> None:
+    """Turn the scene's own offset of the mass centre with the specimen, by degrees.
+
+    In a study the turn comes before the offset, whose azimuth is then that of the table.
+    """
+    if "com_offset" in out:
+        one = effect("com_offset")
+        own = one.accept(out["com_offset"])
+        own["azimuth"] = (own["azimuth"] + turn) % turn_of(one.parameter("azimuth"))
+        out["com_offset"] = _stated(one, own)
 
 
 def scene_with(study: Study, added: Mapping[str, Mapping[str, float]]) -> Study:

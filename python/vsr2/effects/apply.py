@@ -252,12 +252,8 @@ def _assert_once(trial: Trial, added: Sequence[Applied]) -> None:
 
 
 def _acting_once(applied: Applied) -> list[Effect]:
-    """What cannot act twice, of an effect and its parts."""
     one = applied.effect
-    if not isinstance(one, Effect):
-        return []
-    parts = [part for part, _ in one.acting_parts(dict(applied.values))] if one.parts else []
-    return [own for own in (one, *parts) if own.once]
+    return one.acting_once(dict(applied.values)) if isinstance(one, Effect) else []
 
 
 def _in_force(one: Effect, given: Mapping[str, float], here: Mapping[str, float]) -> Applied | None:

@@ -184,11 +184,18 @@ class Effect:
         self, values: Mapping[str, float]
     ) -> Iterator[tuple[Effect, dict[str, float]]]:
         """The `parts` that are not null, each with its own values."""
+        if not self.parts:
+            return
         null = {p.name: p.is_null(values[p.name]) for p in self.parameters}
         for part in self.parts:
             names = {p.name: f"{part.name}_{p.name}" for p in part.parameters}
             if not all(null[names[p.name]] for p in part.parameters if not p.secondary):
                 yield part, {name: values[long] for name, long in names.items()}
+
+    def acting_once(self, values: Mapping[str, float]) -> list[Effect]:
+        """What acts and cannot act twice: the effect itself, or parts of it."""
+        own = [self] if self.once and not self.is_null(values) else []
+        return own + [part for part, _ in self.acting_parts(values) if part.once]
 
     def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
         """The values in force in one trial: where order, session or chance come in."""

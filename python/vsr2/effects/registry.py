@@ -120,7 +120,7 @@ def check_study_effects(
     Raises:
         ConfigError: lists every problem as `file:line: key.path: what is wrong, remedy`.
     """
-    problems = []
+    problems, there = [], set[str]()
     for name, values in given.items():
         try:
             one = effect(name)
@@ -128,11 +128,6 @@ def check_study_effects(
             problems.append(Problem(("effects", name), error.message))
             continue
         found = len(problems)
-        for part in (part for part in one.parts if part.once and part.name in given):
-            key = next((k for k in values if k.startswith(f"{part.name}_")), None)
-            if key is not None:
-                what = f"`{part.name}` acts already, and cannot act twice: {part.once}"
-                problems.append(Problem(("effects", name, key), f"{what}; leave one of them out"))
         for key, value in values.items():
             try:
                 one.parameter(key).accept(value, f"effects.{name}.{key}", warn=False)
@@ -140,9 +135,14 @@ def check_study_effects(
                 problems.append(Problem(("effects", name, key), error.message))
         if len(problems) == found:
             try:
-                one.accept(values)
+                once = [own.name for own in one.acting_once(one.accept(values))]
             except ConfigError as error:
                 problems.append(Problem(("effects", name, *list(values)[:1]), error.message))
+                continue
+            if twice := sorted(there & set(once)):
+                what = f"{twice[0]} acts already, and cannot act twice: {effect(twice[0]).once}"
+                problems.append(Problem(("effects", name), f"{what}; leave one of them out"))
+            there |= set(once)
     if problems:
         raise config_error(problems, os.fspath(label), file_locator(label))
 

@@ -99,11 +99,16 @@ class BulletEngine:
         """The library's, but those that this scene cannot have, or has and cannot have twice."""
         step = self._study.engine.time_step
         trial = self._trials([TrialInput(step, np.zeros(100))], Nuisances(), step)[0]
-        acting = {applied.effect.name for applied in trial.effects}
+        # What comes in over a campaign does not act in its first trial.
+        acting = {
+            own.name
+            for one, values in chosen(self._study.effects)
+            for own in one.acting_once(values)
+        }
         found = {
             name: self._drawable(effect, trial)
             for name, effect in library().items()
-            if not (effect.once and name in acting)
+            if name not in acting
         }
         return {name: drawable for name, drawable in found.items() if drawable is not None}
 

@@ -177,10 +177,18 @@ class SceneSimulator:
     def _refusal(self, effect: Effect) -> Vsr2Error | None:
         from vsr2.simulation import check_trials
 
+        def acting(trial: Trial) -> tuple[str, ...]:
+            return tuple(applied.effect.name for applied in trial.effects)
+
+        # What comes in over the campaign acts in later trials.
+        others = {acting(trial): trial for trial in self._trials}
+        others.pop(acting(self._first), None)
+        tried = [self._first, *others.values()]
         try:
             trials = with_effects(
-                [self._first], [(effect, effect.extreme())], relative_order=[1.0], sessions=["1"]
-            )
+                tried, [(effect, effect.extreme())],
+                relative_order=[1.0] * len(tried), sessions=["1"] * len(tried),
+            )  # fmt: skip
             check_trials(trials)
         except Vsr2Error as error:
             return error
