@@ -56,10 +56,8 @@ def finished_before(folder: Path, trials: int) -> str:
 
 def few_draws(folder: Path, written: int, asked: int) -> str:
     """That `--posterior-draws` wrote fewer scenes than were asked for, and why."""
-    return (
-        f"{written} of {counted(asked, 'draw')} of the posterior are written to {folder}: no study "
-        "can state more"
-    )
+    why = "no study can state more" if written else "nothing is named that a study can state"
+    return f"{written} of {counted(asked, 'draw')} of the posterior are written to {folder}: {why}"
 
 
 def interrupted_calibration(folder: Path) -> str:
