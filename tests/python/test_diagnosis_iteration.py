@@ -282,6 +282,7 @@ def test_the_command_line_says_why_no_draws_come(shaken, monkeypatch, tmp_path, 
     assert run("diagnose", tmp_path / "campaign", "--scene", tmp_path / "scene.yaml", "--out", out,
                "--iterate", "--posterior-draws", 3) == 0  # fmt: skip
     folder = out / "round_1"
-    said = f"0 of 3 draws of the posterior are written to {folder}: no study can state more"
+    why = "nothing is named that a study can state"
+    said = f"0 of 3 draws of the posterior are written to {folder}: {why}"
     assert said in capsys.readouterr().out
     assert not (folder / "corrected_draws").exists()
