@@ -10,8 +10,7 @@ SOURCE --out out/lab` prepares it. Campaigns are planted with nuisances drawn fr
 tier M. The first is diagnosed with the whole library within the processor time, from an empty
 cache. The others get as many simulated campaigns as the first could afford, out of that cache. Each
 further number of minutes goes on with the cache: 10 and 50 make an hour. Last comes what the
-laboratory observed, at tier B.
-Writes `table.csv`.
+laboratory observed, at tier B. Writes `table.csv`.
 """
 
 from __future__ import annotations
@@ -158,10 +157,7 @@ def main() -> None:
                 campaign,
                 setup.scene,
                 out=out / "cache",
-                budget=Budget(
-                    cpu_minutes=minutes,
-                    campaigns=affordable,
-                ),
+                budget=Budget(cpu_minutes=minutes, campaigns=affordable),
                 hypotheses=Hypotheses(exclude=setup.exclude),
                 execution=Execution(options.threads, report=ProgressLines()),
             )

@@ -298,13 +298,11 @@ def outcome_signal(
 @one_blas_thread()
 def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Namespace) -> list[Row]:
     """Plant and infer."""
+    numbers = range(FIRST, FIRST + options.planted)
     planted = simulate_campaigns(
-        truth, rehearsal.look, rehearsal.trials,
-        range(FIRST, FIRST + options.planted), seed=options.seed + 5,
-    )  # fmt: skip
-    changed = changes(
-        truth, planted, rehearsal.trials, range(FIRST, FIRST + options.planted)
-    )  # fmt: skip
+        truth, rehearsal.look, rehearsal.trials, numbers, seed=options.seed + 5
+    )
+    changed = changes(truth, planted, rehearsal.trials, numbers)
     rng = np.random.default_rng([options.seed, 6])
     signals = [
         outcome_signal(truth, acting, rehearsal.trials) if acting else 0.0

@@ -154,13 +154,14 @@ def test_what_cannot_act_twice_is_not_available(shaken, name: str) -> None:
 
 def test_what_comes_in_midway_is_not_available_again(shaken) -> None:
     """In the first trial nothing acts yet."""
-    own = simulator(
-        shaken,
-        {"change_point": {"at": 0.5, "edge_rounding_radius": 0.002}},
-        library={one: effect(one) for one in ("edge_rounding", "inertia", "change_point")},
-    )
+    chipped = {"change_point": {"at": 0.5, "edge_rounding_radius": 0.002}}
+    offered = {one: effect(one) for one in ("edge_rounding", "inertia", "change_point")}
+    own = simulator(shaken, chipped, library=offered)
     assert set(own.library) == {"inertia", "change_point"}
     assert own.unavailable["edge_rounding"].fault is Fault.acts_already
+    rounding = Nuisance("edge_rounding", "radius", Normal(0.001, 0.0))
+    with pytest.raises(DiagnosisError, match=r"nuisance 'edge_rounding': .*cannot act twice"):
+        simulator(shaken, chipped, nuisances=[rounding])
 
 
 @pytest.mark.parametrize(

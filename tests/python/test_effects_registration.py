@@ -200,14 +200,14 @@ def test_what_cannot_act_twice_is_refused_as_a_part_too(bench: EffectBench) -> N
     trial = bench.block()
     rounded = {"radius": 0.004}
     step = {"edge_rounding_radius": 0.002, "at": 0.1}
-    for given in ({"edge_rounding": rounded, "change_point": step},):
-        with pytest.raises(SimulationError, match="edge_rounding acts already"):
-            apply_effects([trial, trial], given)
+    given = {"edge_rounding": rounded, "change_point": step}
+    with pytest.raises(SimulationError, match="edge_rounding acts already"):
+        apply_effects([trial, trial], given)
     (first,) = apply_effects([trial], {"edge_rounding": rounded})
     with pytest.raises(SimulationError, match=r"change_point.*edge_rounding acts already"):
         apply_effects([first, first], {"change_point": step})
     with pytest.raises(ConfigError, match=r"effects.change_point: edge_rounding acts already"):
-        check_study_effects({"edge_rounding": rounded, "change_point": step}, "mine")
+        check_study_effects(given, "mine")
     # What is null does not act.
     check_study_effects({"edge_rounding": {"radius": 0.0}, "change_point": step}, "mine")
     narrower = {"edge_rounding_radius": 0.0, "slenderness_change": 0.05}

@@ -14,7 +14,7 @@ import numpy as np
 
 from vsr2.argument_names import checked_names
 from vsr2.config.seeds import checked_seed
-from vsr2.effects.effect import Circumstances, Effect
+from vsr2.effects.effect import Circumstances, Effect, acts_already
 from vsr2.effects.parameter import EffectWarning
 from vsr2.effects.registry import chosen, place
 from vsr2.errors import ConfigError, Fault, SimulationError, Vsr2Error
@@ -243,8 +243,7 @@ def _assert_once(trial: Trial, added: Sequence[Applied]) -> None:
         for one in _acting_once(applied):
             if one.name in there:
                 raise SimulationError(
-                    f"{one.name} acts already, and cannot act twice: {one.once}; leave one of them "
-                    "out",
+                    acts_already(one),
                     key=f"effects.{applied.effect.name}",
                     fault=Fault.acts_already,
                 )

@@ -357,6 +357,11 @@ class Effect:
         }
 
 
+def acts_already(one: Effect) -> str:
+    """That an effect cannot act where it acts already, and what to do."""
+    return f"{one.name} acts already, and cannot act twice: {one.once}; leave one of them out"
+
+
 def effects_in(module: ModuleType) -> list[Effect]:
     """One instance of each effect that a module defines, in their order.
 

@@ -5,18 +5,11 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 
-from vsr2.effects import (
-    actuation,
-    beside,
-    contact,
-    geometry,
-    inertia,
-    mechanism,
-    registration,
-)
+from vsr2.effects import geometry
 from vsr2.effects.effect import Circumstances, Effect, effects_in
 from vsr2.effects.geometry import SlendernessEffect
 from vsr2.effects.parameter import Parameter
+from vsr2.effects.static import STATIC
 from vsr2.errors import ConfigError
 from vsr2.trial import Trial
 
@@ -183,12 +176,7 @@ class Session(StepEffect):
     meaning = (
         "From one session on the specimen stands otherwise, or friction or the table are others"
     )
-    parts = tuple(
-        effect
-        for module in (geometry, registration, inertia, contact, mechanism, actuation, beside)
-        for effect in effects_in(module)
-        if _adds_to_itself(effect)
-    )
+    parts = tuple(filter(_adds_to_itself, STATIC))
     parameters = (
         _place_in_time(0.0, 1.0),
         *_of_parts(

@@ -15,35 +15,20 @@ from typing import get_args
 
 from vsr2.config.load import file_locator
 from vsr2.config.problems import Problem, config_error
-from vsr2.effects import (
-    actuation,
-    beside,
-    contact,
-    geometry,
-    inertia,
-    mechanism,
-    order,
-    outcome,
-    registration,
-    start,
-    support,
-)
-from vsr2.effects.effect import STAGES, Channel, Effect, effects_in
+from vsr2.effects import order, outcome, start
+from vsr2.effects.effect import STAGES, Channel, Effect, acts_already, effects_in
 from vsr2.effects.parameter import Parameter
+from vsr2.effects.static import STATIC
 from vsr2.errors import ConfigError
 from vsr2.near_words import offer
 
 GROUP = "vsr2.effects"
 """Entry-point group of other packages: each entry names a class derived from `Effect`."""
-BUILT_IN: tuple[Effect, ...] = tuple(
-    effect
-    for module in (
-        geometry, registration, support, inertia, contact, mechanism, actuation, beside, start,
-        order, outcome,
-    )
-    for effect in effects_in(module)
-)  # fmt: skip
-"""The effects of these modules: a class with a `name` is one, and is entered nowhere else."""
+BUILT_IN: tuple[Effect, ...] = (
+    *STATIC,
+    *(effect for module in (start, order, outcome) for effect in effects_in(module)),
+)
+"""A class with a `name` in one of these modules is an effect, and is entered nowhere else."""
 _registered: dict[str, Effect] = {}
 
 
@@ -140,8 +125,7 @@ def check_study_effects(
                 problems.append(Problem(("effects", name, *list(values)[:1]), error.message))
                 continue
             if twice := sorted(there & set(once)):
-                what = f"{twice[0]} acts already, and cannot act twice: {effect(twice[0]).once}"
-                problems.append(Problem(("effects", name), f"{what}; leave one of them out"))
+                problems.append(Problem(("effects", name), acts_already(effect(twice[0]))))
             there |= set(once)
     if problems:
         raise config_error(problems, os.fspath(label), file_locator(label))

@@ -71,9 +71,13 @@ class SceneEffects:
         Raises:
             DiagnosisError: names it.
         """
-        names = {name for name, _, _ in self.content}
+        names = {
+            own.name
+            for effect, values in (*self._fixed, *self._drawn)
+            for own in effect.acting_once(values)
+        }
         for one in nuisances:
-            if one.acting.once and one.acting.name in names:
+            if one.acting.name in names:
                 raise DiagnosisError(
                     f"nuisance {one.name!r}: its effect is in the scene's `effects` and cannot act "
                     f"twice: {one.acting.once}; leave one of them out"
