@@ -10,6 +10,10 @@ starts, and with every step from starts that are moved and lifted by 1e-6 m and 
 A rocking response is chaotic, so single outcomes differ in all three; quiet stretches may flip no
 more of them than the move does, and the overturn probability has to stay.
 
+`SP1-family` is the laboratory's campaign as a diagnosis simulates it (`out/lab`, by `vsr2 campaign
+import-lab`): there a record is a draw of nuisances and contact model, and its replicates are the
+campaign's trials. On soft contacts the rock swings as long as the pedestal moves.
+
 The rock settles by the default criterion, where specimen SP1 takes half a minute. The contact and
 the damping are VSR2's. Each ensemble is written to `--parts` when it is done, and a run that was
 stopped goes on from there. Writes `quiet_stretches.csv`, one row a scene.
@@ -20,7 +24,7 @@ from __future__ import annotations
 import argparse
 import math
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
@@ -38,13 +42,18 @@ from engine_equivalence import (
     vars_of,
     write_table,
 )
+from vsr2.campaign import load_campaign
+from vsr2.config import load_study
 from vsr2.config.study import Contact, Engine, Settling
+from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.motion import Motion
 from vsr2.scene import Pose, Scene
 from vsr2.simulation import run_batch
 from vsr2.trial import Trial
 
 SCENES = ("block", "pbr_scan", "SP1")
+FAMILY = "SP1-family"
 MOVE = 1e-6
 """Of the start [m]; turned by as much about x, y and z, as components of the quaternion."""
 SETTLING = Settling(timeout=120.0)
@@ -90,6 +99,35 @@ def ensembles(
     return found
 
 
+def family(options: argparse.Namespace) -> Iterator[dict[str, Any]]:
+    """The laboratory's trials under nuisances and contact models drawn as for a diagnosis."""
+    campaign = load_campaign(ROOT / "out" / "lab").with_motion()
+    every = np.linspace(0, len(campaign) - 1, min(len(campaign), options.replicates))
+    trials = tuple(campaign.trials[i] for i in every.round().astype(int))
+    campaign = replace(campaign, trials=trials)
+    study = load_study(ROOT / "studies" / "lab_diagnosis.yaml")
+    simulators = {
+        skip: SceneSimulator(
+            campaign,
+            study.model_copy(update={"engine": study.engine.model_copy(update={"skip": skip})}),
+            threads=options.threads,
+        )
+        for skip in ("none", "quiet")
+    }
+    for draw in range(1, options.records + 1):
+        found: dict[str, Any] = {}
+        for run, skip, replicate in (
+            ("every", "none", 0),
+            ("quiet", "quiet", 0),
+            ("moved", "none", -1),
+        ):
+            begun = time.process_time()
+            asked = [Request(i, (), draw, replicate) for i in range(len(trials))]
+            found[run] = (simulators[skip].run(asked).overturned == 1).tolist()
+            found[f"{run}_cpu_s"] = time.process_time() - begun
+        yield found
+
+
 def row_of(name: str, found: list[dict[str, Any]]) -> dict[str, str]:
     """One row of the table."""
     every, quiet, move = (np.array([f[run] for f in found]) for run in ("every", "quiet", "moved"))
@@ -112,24 +150,27 @@ def row_of(name: str, found: list[dict[str, Any]]) -> dict[str, str]:
         "standard_error": f"{math.sqrt(variance.sum()) / len(found):.4f}",
         "flipped_quiet": f"{flipped.mean():.4f}",
         "flipped_moved": f"{(move != every).mean():.4f}",
-        "steps_quiet_over_every": f"{total['quiet_steps'] / total['every_steps']:.3f}",
+        "steps_quiet_over_every": (
+            f"{total['quiet_steps'] / total['every_steps']:.3f}" if "quiet_steps" in total else ""
+        ),
         "cpu_quiet_over_every": f"{total['quiet_cpu_s'] / total['every_cpu_s']:.3f}",
     }
 
 
 def options_of(
-    description: str, study: str, *, records: int, replicates: int
+    description: str, study: str, scenes: Sequence[str], *, records: int, replicates: int
 ) -> argparse.Namespace:
     """Options of a study of ensembles by scene, with its own sizes.
 
     Args:
         description: of the study, its first line.
         study: name of its parts.
+        scenes: that it knows.
         records: borderline records a scene.
         replicates: a record.
     """
     parser = argparse.ArgumentParser(description=description.splitlines()[0])
-    parser.add_argument("--scenes", nargs="+", choices=SCENES, default=SCENES)
+    parser.add_argument("--scenes", nargs="+", choices=scenes, default=scenes)
     parser.add_argument("--records", type=int, default=records)
     parser.add_argument("--replicates", type=int, default=replicates)
     parser.add_argument("--threads", type=int, default=1)
@@ -170,10 +211,15 @@ def settled(given: Scene) -> dict[str, Any]:
 
 def main() -> None:
     """Run what parts are missing and write the table."""
-    options = options_of(__doc__, "quiet_stretches", records=20, replicates=300)
+    options = options_of(__doc__, "quiet_stretches", (*SCENES, FAMILY), records=20, replicates=300)
+    asked_family = FAMILY in options.scenes
+    options.scenes = [name for name in options.scenes if name != FAMILY]
     rows = []
     for name, found in by_scene(options, "none", partial(ensembles, options=options)):
         rows.append(row_of(name, found))
+        print(*rows[-1].values(), flush=True)
+    if asked_family:
+        rows.append(row_of(FAMILY, list(family(options))))
         print(*rows[-1].values(), flush=True)
     write_table(rows, options.out / "quiet_stretches.csv")
 

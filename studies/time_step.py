@@ -28,7 +28,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from engine_equivalence import part, record, replicates, write_table
-from quiet_stretches import options_of, scene, settled
+from quiet_stretches import SCENES, options_of, scene, settled
 from vsr2.analysis.overturning_margin import seek_margins
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.scene import Pose, Scene
@@ -152,7 +152,7 @@ def rows_of(name: str, found: list[dict[str, Any]]) -> list[dict[str, str]]:
 
 def main() -> None:
     """Run what parts are missing and write the table."""
-    options = options_of(__doc__, "time_step", records=150, replicates=2)
+    options = options_of(__doc__, "time_step", SCENES, records=150, replicates=2)
     rows: list[dict[str, str]] = []
     for name in options.scenes:
         folder = options.parts / f"{name}_{options.records}_{options.replicates}"

@@ -49,11 +49,6 @@ struct NormalLaw {
     return std::fabs(approach) >= threshold ? std::max(0.0, restitution * -approach) : 0.0;
   }
 
-  /// Of a small oscillation in which so many unit springs bear a unit mass, `springs` [1/kg]: its
-  /// undamped frequency [rad/s], and its damping ratio [1].
-  double frequency(double springs) const { return std::sqrt(stiffness * springs); }
-  double damping_ratio(double frequency) const { return 0.5 * damping * frequency / stiffness; }
-
  private:
   // [N s/m]
   double resistance(double dt) const {

@@ -120,6 +120,7 @@ void FastStepper::advance(const Support& support, SupportMotor& motor, double dt
 
   motor.velocity_change = 0.0;
   iterations_ = 0;
+  if (count_ == 0) note_closed(false);
   if (count_ > 0 || motor.inverse_mass > 0) {
     const ContactStep step(m, R_WB, support, v, w, dt);
     VelocityChange<double> change;
@@ -173,6 +174,13 @@ bool FastStepper::stick(const ContactStep& step, const Support& support, const S
     at.normal = c.normal_impulse;
   }
   if (!solve_sticking(problem)) return false;
+  int pressed = 0;
+  bool same = true;
+  for (int i = 0; i < count_; ++i) {
+    pressed += contacts_[i].normal_impulse > 0;
+    same = same && (contacts_[i].normal_impulse > 0) == (problem.contacts[i].normal > 0);
+  }
+  same = same && pressed == closed_;
   for (int k = 0; k < 3; ++k) {
     change.angular[k] = problem.angular[k];
     change.linear[k] = problem.linear[k];
@@ -183,7 +191,14 @@ bool FastStepper::stick(const ContactStep& step, const Support& support, const S
     contacts_[i].lateral_impulse_1 = -problem.contacts[i].lateral_y;
     contacts_[i].lateral_impulse_2 = problem.contacts[i].lateral_x;
   }
+  note_closed(same);
   return true;
+}
+
+void FastStepper::note_closed(bool held) {
+  held_ = held ? held_ + 1 : 0;
+  closed_ = 0;
+  for (int i = 0; i < count_; ++i) closed_ += contacts_[i].normal_impulse > 0;
 }
 
 // Impulses by Bullet's sweeps, with the joint by which the support yields.
@@ -222,6 +237,7 @@ void FastStepper::sweep(const ContactStep& step, const Support& support, const S
     contacts_[i].lateral_impulse_1 = problem.rows[i].lateral_1.impulse;
     contacts_[i].lateral_impulse_2 = problem.rows[i].lateral_2.impulse;
   }
+  note_closed(false);
 }
 
 // Velocities and the positions that follow, by Bullet's rule.

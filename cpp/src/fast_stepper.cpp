@@ -105,15 +105,21 @@ FastModel::FastModel(const Scene& scene) {
 void FastStepper::clear() {
   count_ = 0;
   iterations_ = 0;
+  held_ = 0;
+  closed_ = 0;
   low_.clear();
 }
 
-FastStepper::Snapshot FastStepper::snapshot() const { return {state, contacts_, count_}; }
+FastStepper::Snapshot FastStepper::snapshot() const { 
+  return {state, contacts_, count_, held_, closed_};
+}
 
 void FastStepper::restore(const Snapshot& snapshot) {
   state = snapshot.state;
   contacts_ = snapshot.contacts;
   count_ = snapshot.count;
+  held_ = snapshot.held;
+  closed_ = snapshot.closed;
 }
 
 // Where an edge or a face lies flat on the top, the closest point is where Bullet's search ends.

@@ -8,6 +8,7 @@
 
 #include <array>
 #include <cstddef>
+#include <cstdint>
 #include <memory>
 
 #include "contact_rows.hpp"
@@ -115,12 +116,16 @@ class FastStepper {
     RockState state;
     std::array<Contact, 4> contacts;
     int count;
+    std::int64_t held;
+    int closed;
   };
   const FastModel& model() const { return *model_; }
   int contact_count() const { return count_; }
   const Contact& contact(int i) const { return contacts_[i]; }
   /// Sweeps of the latest step that were done one by one; 0: no contact slid, and none was needed.
   int iterations() const { return iterations_; }
+  /// Steps since a contact opened, closed or slid.
+  std::int64_t held() const { return held_; }
 
  private:
   bool closest_by_bullet(const Support& support, Eigen::Vector3d& p_W_rock,
@@ -130,6 +135,8 @@ class FastStepper {
              VelocityChange<double>& change);
   void sweep(const ContactStep& step, const Support& support, const SupportMotor& motor,
              VelocityChange<double>& change);
+  // Contacts have their impulses; `held`: those that pressed before stick and press, and no others.
+  void note_closed(bool held);
   void move(const Eigen::Vector3d& v, const Eigen::Vector3d& w, double dt);
   // The rock's pose in the support's frame.
   struct RockOverTop {
@@ -148,6 +155,8 @@ class FastStepper {
   std::array<Contact, 4> contacts_{};
   int count_ = 0;
   int iterations_ = 0;
+  std::int64_t held_ = 0;
+  int closed_ = 0;  ///< contacts that pressed in the latest step
   LowVertices low_;
 };
 

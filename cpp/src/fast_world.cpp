@@ -164,6 +164,10 @@ class FastWorld final : public World {
     return foothold;
   }
 
+  std::int64_t steps_held() const override {
+    return bullet_ || !moves() ? 0 : stepper_.held() / scene_->engine().substeps;
+  }
+
   void carry(const DriveTarget& from, const DriveTarget& to) override {
     if (!foothold() || to.excursion.pitch != pedestal_.excursion.pitch) return World::carry(from, to);
     const PedestalState start{from.position, 0.0, from.excursion, {}};

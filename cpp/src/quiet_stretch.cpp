@@ -10,110 +10,142 @@
 namespace vsr2 {
 namespace {
 
+using Eigen::Array3d;
 using Eigen::Matrix3d;
 using Eigen::Vector2d;
 using Eigen::Vector3d;
 
-// Greatest answer of a linear oscillator to an input of size 1, over its static answer [1].
-double overshoot(double damping_ratio) {
-  if (damping_ratio >= 1.0) return 1.0;
-  const double r = damping_ratio / std::sqrt(1.0 - damping_ratio * damping_ratio);
-  return 1.0 / std::tanh(0.5 * M_PI * r);
-}
-
-// Rate at which the slower part of its free motion fades [1/s].
-double fading(double damping_ratio, double frequency) {
-  const double z = damping_ratio;
-  return z < 1.0 ? z * frequency : frequency / (z + std::sqrt(z * z - 1.0));
+// Greatest factor of a free motion over a step v' = (v - restoring q) decay, q' = q + h v'.
+double factor(double decay, double restoring, double h) {
+  const double half_trace = 0.5 * (1.0 + decay * (1.0 - h * restoring));
+  const double discriminant = half_trace * half_trace - decay;
+  if (discriminant < 0) return std::sqrt(decay);
+  return std::fabs(half_trace) + std::sqrt(discriminant);
 }
 
 }  // namespace
 
-Bearing::Bearing(const Foothold& foothold, double gravity)
-    : friction_(foothold.friction),
-      R_TW_(foothold.R_WT.transpose()),
-      rest_T_(R_TW_ * Vector3d(0, 0, gravity)) {
-  const auto& r = foothold.r_T;
-  for (int i = 0; i < foothold.count; ++i) {
-    for (int j = i + 1; j < foothold.count; ++j) {
-      const Vector2d along = (r[j] - r[i]).head<2>();
-      if (!(along.squaredNorm() > 0)) continue;
-      Vector2d inward = Vector2d(-along.y(), along.x()).normalized();
-      double least = 0.0;
-      double greatest = 0.0;
-      for (int k = 0; k < foothold.count; ++k) {
-        const double inside = inward.dot((r[k] - r[i]).head<2>());
-        least = std::min(least, inside);
-        greatest = std::max(greatest, inside);
-      }
-      if (least < -kQuietStretch.on_line && greatest > kQuietStretch.on_line) continue;
-      if (least < -kQuietStretch.on_line) inward = -inward;
-      if (std::max(-least, greatest) <= kQuietStretch.on_line) continue;
-      edges_[count_++] = {inward, -0.5 * (r[i].z() + r[j].z()), -inward.dot(r[i].head<2>())};
-    }
-  }
+Bearing::Bearing(const Foothold& foothold, double gravity, double substep, int substeps)
+    : count_(foothold.count),
+      h_(substep),
+      substeps_(substeps),
+      mass_(foothold.mass),
+      friction_(foothold.friction),
+      R_TW_(foothold.R_WT.transpose()) {
   if (count_ < 3) return;
-  // The three ways to move over sticking contacts of sticking_contacts.hpp: tilts a, b, rise c.
+  const auto& r = foothold.r_T;
   double z = 0.0;
-  for (int i = 0; i < foothold.count; ++i) z += r[i].z() / foothold.count;
+  for (int i = 0; i < count_; ++i) z += r[i].z() / count_;
   Matrix3d inertia = Matrix3d::Zero();
   inertia.topLeftCorner<2, 2>() = foothold.inertia_T.topLeftCorner<2, 2>();
-  inertia.diagonal() += foothold.mass * Vector3d(z * z, z * z, 1.0);
+  inertia.diagonal() += mass_ * Vector3d(z * z, z * z, 1.0);
   Matrix3d unit_springs = Matrix3d::Zero();
-  for (int i = 0; i < foothold.count; ++i) {
+  for (int i = 0; i < count_; ++i) {
     const Vector3d rise(r[i].y(), -r[i].x(), 1.0);
     unit_springs += rise * rise.transpose();
   }
-  const Vector3d modes = Eigen::GeneralizedSelfAdjointEigenSolver<Matrix3d>(unit_springs, inertia,
-                                                                            Eigen::EigenvaluesOnly)
-                             .eigenvalues();
-  for (const double mode : modes) {
-    const double frequency = foothold.normal.frequency(std::max(mode, 0.0));
-    const double ratio = foothold.normal.damping_ratio(frequency);
-    gain_ = std::max(gain_, overshoot(ratio));
-    memory_ = std::max(memory_, 1.0 / fading(ratio, frequency));
+  const Eigen::GeneralizedSelfAdjointEigenSolver<Matrix3d> solver(unit_springs, inertia);
+  const Matrix3d& shapes = solver.eigenvectors();
+  damper_ = 1.0 / foothold.normal.softness(h_);
+  spring_ = damper_ * foothold.normal.erp(h_) / h_;
+  const Array3d springs = solver.eigenvalues().array();
+  modes_.decay = (1.0 + springs * damper_).inverse();
+  modes_.restoring = springs * spring_;
+  // The mass centre moves along the top by (-z b, z a) where the rock tilts by (a, b).
+  Matrix3d pull = Matrix3d::Zero();
+  pull(0, 1) = mass_ * z;
+  pull(1, 0) = -mass_ * z;
+  pull(2, 2) = mass_;
+  modes_.driven = -shapes.transpose() * pull;
+  swing_.row(0) = -z * shapes.row(1);
+  swing_.row(1) = z * shapes.row(0);
+  const Vector3d fall_T = h_ * (R_TW_ * Vector3d(0, 0, -gravity));
+  lateral_ = -mass_ * fall_T.head<2>();
+  const Vector3d rest =
+      ((shapes.transpose() * pull * fall_T).array() / modes_.restoring).matrix();
+  stands_ = true;
+  for (int i = 0; i < count_; ++i) {
+    Contact& c = contacts_[i];
+    c.rise = Vector3d(r[i].y(), -r[i].x(), 1.0).transpose() * shapes;
+    c.deflection = c.rise * rest;
+    c.impulse = -spring_ * c.deflection;
+    stands_ = stands_ && c.impulse > 0;
   }
-  gain_ *= kQuietStretch.safety;
+  for (int j = 0; j < 3; ++j)
+    memory_ = std::max(memory_, -h_ / std::log(factor(modes_.decay[j], modes_.restoring[j], h_)));
+  stands_ = stands_ && std::isfinite(memory_);
 }
 
-bool Bearing::bears(const Vector3d& a_W) const {
-  const Vector3d f = rest_T_ + gain_ * (R_TW_ * a_W);
-  const Vector2d lateral = f.head<2>();
-  if (count_ < 3 || !(f.z() > 0) || !(lateral.norm() <= friction_.lateral(f.z()))) return false;
-  for (int i = 0; i < count_; ++i)
-    if (!(edges_[i].height * edges_[i].inward.dot(lateral) <= edges_[i].room * f.z())) return false;
-  return true;
+bool Bearing::advance(const Vector3d& dv_W) {
+  bool holds = substep(R_TW_ * dv_W);
+  for (int i = 1; i < substeps_; ++i) holds = substep(Vector3d::Zero()) && holds;
+  return holds;
+}
+
+bool Bearing::substep(const Vector3d& dv_T) {
+  const Array3d before = modes_.velocity;
+  const Vector3d place = modes_.place;
+  modes_.velocity =
+      modes_.decay * (before + (modes_.driven * dv_T).array() - modes_.restoring * modes_.place);
+  modes_.place += h_ * modes_.velocity;
+  const Vector3d velocity = modes_.velocity;
+  const Vector3d after = modes_.place;
+  bool holds = true;
+  double normal = 0.0;
+  for (int i = 0; i < count_; ++i) {
+    const Contact& c = contacts_[i];
+    const double change = -spring_ * c.rise.dot(place) - damper_ * c.rise.dot(velocity);
+    const double impulse = c.impulse + kQuietStretch.safety * change;
+    holds = holds && impulse > 0 &&
+            c.deflection + kQuietStretch.safety * c.rise.dot(after) < 0;
+    normal += impulse;
+  }
+  const Vector2d pushed = dv_T.head<2>() + swing_ * (modes_.velocity - before).matrix();
+  const Vector2d lateral = lateral_ + kQuietStretch.safety * mass_ * pushed;
+  return holds && lateral.norm() <= friction_.lateral(normal);
 }
 
 QuietStretches::QuietStretches(const TrialSpec& spec)
     : spec_(spec),
       dt_(spec.start->scene()->engine().time_step),
-      substep_(dt_ / spec.start->scene()->engine().substeps) {}
+      substeps_(spec.start->scene()->engine().substeps) {}
 
-// Of the pedestal in the first solver step towards a set-point, which takes all of a change of speed.
-Vector3d QuietStretches::acceleration(std::int64_t k) const {
+// Of the pedestal, in the time step that leads to a set-point [m/s].
+Vector3d QuietStretches::velocity_change(std::int64_t k) const {
   const auto size = static_cast<std::int64_t>(spec_.position.size());
   const auto at = [&](const Samples& x, std::int64_t i) {
     return x[static_cast<std::size_t>(std::clamp<std::int64_t>(i, 0, size - 1))];
   };
   const auto of = [&](const Samples& x) {
-    return ((at(x, k) - at(x, k - 1)) - (at(x, k - 1) - at(x, k - 2))) / (dt_ * substep_);
+    return ((at(x, k) - at(x, k - 1)) - (at(x, k - 1) - at(x, k - 2))) / dt_;
   };
   return {of(spec_.position), spec_.transverse ? of(*spec_.transverse) : 0.0,
           spec_.vertical ? of(*spec_.vertical) : 0.0};
 }
 
-std::int64_t QuietStretches::last(const Foothold& foothold, std::int64_t k, std::int64_t end,
-                                  std::int64_t& next) const {
+std::int64_t QuietStretches::last(const Foothold& foothold, std::optional<std::int64_t> held,
+                                  std::int64_t k, std::int64_t end, std::int64_t& next) const {
   next = end + 1;
   if (spec_.pitch) return k;
   const EngineSettings& engine = spec_.start->scene()->engine();
-  const Bearing bearing(foothold, engine.gravity);
+  Bearing bearing(foothold, engine.gravity, dt_ / substeps_, substeps_);
+  if (!bearing.stands()) {
+    next = k + 1;
+    return k;
+  }
+  const auto faded = static_cast<std::int64_t>(std::ceil(kQuietStretch.faded * bearing.memory() / dt_));
+  if (held) {
+    if (*held < faded) {
+      next = k + faded - *held;
+      return k;
+    }
+    // What the rock still answers to; its contacts have held.
+    for (std::int64_t i = k - faded + 1; i <= k; ++i) bearing.advance(velocity_change(i));
+  }
   std::int64_t i = k + 1;
-  while (i <= end && bearing.bears(acceleration(i))) ++i;
+  while (i <= end && bearing.advance(velocity_change(i))) ++i;
   if (i > end) return end;
   next = i + 1;
-  const auto faded = static_cast<std::int64_t>(std::ceil(kQuietStretch.faded * bearing.memory() / dt_));
   return std::max(k, i - 1 - faded);
 }
 

@@ -3,51 +3,74 @@
 
 #include <array>
 #include <cstdint>
+#include <optional>
 
 #include "foothold.hpp"
 #include "vsr2/trial.hpp"
 
 namespace vsr2 {
 
-/// What a rock that rests on a flat top can bear before it slides or rocks.
+/// Whether the contacts of a rock at rest go on to hold it, under a motion of the top.
 ///
-/// Carried with the top, the rock demands of its contacts the force m f, f = a - g its specific force.
-/// The contacts can give it, each in the same direction, where
+/// While its contacts stick and press, the rock has three small motions q over the top: two tilts and a
+/// rise (sticking_contacts.hpp). Contact i presses by its deflection d_i = n_i q, so that these obey the
+/// linear equations that the stepper solves, with the same steps: with M the mass matrix of the three,
+/// K the sum of n_i n_i^T, and F the forces that weight and top exert,
 ///
-///     |f_t| <= mu f_n        and        the zero moment point lies in the support polygon,
+///     M (v' - v) = h F - K (v' + (erp / h) q) / softness,        q' = q + h v'.
 ///
-/// f_n and f_t being along the top's normal and along the top, and the zero moment point that at which
-/// the line through the mass centre along f meets the top (Vukobratovic and Borovac, Int. J. Humanoid
-/// Robotics 1, 2004). Both are linear in f but for the friction cone.
+/// Eigenvectors of K over M make three oscillators of them, and each takes a few operations a step.
+/// The contacts hold the rock where every impulse is positive, every spring is compressed, and the
+/// lateral impulse of all lies within what friction bears of the normal ones. What the motion adds
+/// to rest is enlarged by kQuietStretch.safety, for what the model of small deflections leaves out.
 ///
-/// The contacts are springs with dampers, so the rock may answer a change of f by more than its size. A
-/// linear oscillator of damping ratio z < 1 answers none by more than coth(pi z / (2 sqrt(1 - z^2)))
-/// times its greatest size, the integral of its impulse response's absolute value; one of z >= 1 by no
-/// more than that size. The slowest of the rock's three modes on its contacts (heave and two tilts)
-/// has the least z. Changes of f from rest are enlarged by its factor, and by kQuietStretch.safety
-/// for what the model of small deflections leaves out.
+/// Source of the modes: L. Meirovitch, "Fundamentals of Vibrations" (2001), ch. 7.
 class Bearing {
  public:
-  Bearing(const Foothold& foothold, double gravity);
+  /// @param gravity [m/s^2].
+  /// @param substep,substeps solver steps of a time step, each of `substep` [s].
+  Bearing(const Foothold& foothold, double gravity, double substep, int substeps);
 
-  /// Whether the rock stays at rest under an acceleration of the top [m/s^2], in W.
-  bool bears(const Eigen::Vector3d& a_W) const;
-  /// Time in which a deflection of the contacts falls to 1 / e [s].
+  /// Whether the contacts hold the rock on a top that does not move.
+  bool stands() const { return stands_; }
+  /// One more time step, in which the top's velocity changes by `dv_W` [m/s], in W; the first solver step
+  /// takes all of it. Whether the contacts hold.
+  bool advance(const Eigen::Vector3d& dv_W);
+  /// Time in which a free motion of the slowest kind falls to 1 / e [s].
   double memory() const { return memory_; }
 
  private:
-  struct Edge {
-    Eigen::Vector2d inward;  ///< unit
-    double height;           ///< of the mass centre over it [m]
-    double room;             ///< of the mass centre's foot, inside of it [m]
+  using Row = Eigen::RowVector3d;
+  // Of all three modes, by component.
+  struct Modes {
+    Eigen::Array3d decay;     ///< 1 / (1 + s)
+    Eigen::Array3d restoring; ///< s erp / h
+    Eigen::Matrix3d driven;   ///< by a change of the top's velocity along T
+    Eigen::Array3d velocity = Eigen::Array3d::Zero();
+    Eigen::Array3d place = Eigen::Array3d::Zero();
   };
-  std::array<Edge, 6> edges_;  ///< of the support polygon; four points have six lines
+  struct Contact {
+    Row rise;          ///< deflection by the modes
+    double impulse;    ///< at rest, of a solver step [N s]
+    double deflection; ///< at rest, negative [m]
+  };
+
+  bool substep(const Eigen::Vector3d& dv_T);
+
+  Modes modes_;
+  std::array<Contact, 4> contacts_;
   int count_ = 0;
-  FrictionBounds friction_;
-  double gain_ = 1.0;
+  bool stands_ = false;
+  double h_;
+  int substeps_;
+  double spring_ = 0.0;   ///< impulse by a deflection [kg/s]
+  double damper_ = 0.0;   ///< impulse by a velocity [kg]
   double memory_ = 0.0;
+  double mass_;
+  FrictionBounds friction_;
   Eigen::Matrix3d R_TW_;
-  Eigen::Vector3d rest_T_;  ///< specific force at rest [m/s^2]
+  Eigen::Matrix<double, 2, 3> swing_;  ///< velocity of the mass centre along the top, by the modes
+  Eigen::Vector2d lateral_;            ///< impulse at rest, along the top [N s]
 };
 
 /// The set-points of a trial, and between which of them a rock at rest need not be stepped.
@@ -58,15 +81,17 @@ class QuietStretches {
 
   /// The last set-point up to which the rock is still as it is at set-point `k`, contacts without
   /// memory of what was before; at most `end`. `k` itself where it has to be stepped from there.
-  /// `next` becomes the first set-point from which asking again may give more.
-  std::int64_t last(const Foothold& foothold, std::int64_t k, std::int64_t end, std::int64_t& next) const;
+  /// `held`: time steps since one of its contacts opened, closed or slid; none where the rock is slow
+  /// instead. `next` becomes the first set-point from which asking again may give more.
+  std::int64_t last(const Foothold& foothold, std::optional<std::int64_t> held, std::int64_t k,
+                    std::int64_t end, std::int64_t& next) const;
 
  private:
-  Eigen::Vector3d acceleration(std::int64_t k) const;
+  Eigen::Vector3d velocity_change(std::int64_t k) const;
 
   const TrialSpec& spec_;
   double dt_;
-  double substep_;
+  int substeps_;
 };
 
 }  // namespace vsr2

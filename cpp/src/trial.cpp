@@ -160,10 +160,14 @@ class Trial {
   // Passes over steps in which a rock at rest is bound to stay so.
   void skip_quiet() {
     if (!skips_) return;
-    if (shaken_ < ask_from_ || !still_.at_rest_for(1)) return;
+    if (shaken_ < ask_from_) return;
+    const bool still = still_.at_rest_for(1);
+    if (!still && world_.steps_held() < still_.window_steps()) return;
     const std::optional<Foothold> foothold = world_.foothold();
     if (!foothold) return;
-    const std::int64_t last = quiet_.last(*foothold, shaken_, size_, ask_from_);
+    std::optional<std::int64_t> held;
+    if (!still) held = world_.steps_held();
+    const std::int64_t last = quiet_.last(*foothold, held, shaken_, size_, ask_from_);
     rests_to_end_ = last == size_;
     rest_until(std::min(last, size_ - 1));
   }

@@ -34,15 +34,6 @@ TEST(NormalLaw, ReboundsFromAThresholdOn) {
   EXPECT_EQ(law.rebound(0.5, 0.2), 0.0) << "the rock goes away";
 }
 
-TEST(NormalLaw, OscillatesAsAMassOnFourSprings) {
-  const NormalLaw law{.stiffness = 2e6, .damping = 3e3};
-  const double m = 350.0;
-  const double frequency = law.frequency(4 / m);
-  EXPECT_DOUBLE_EQ(frequency, std::sqrt(4 * law.stiffness / m));
-  // Damping over the critical one, 2 m w.
-  EXPECT_DOUBLE_EQ(law.damping_ratio(frequency), 4 * law.damping / (2 * m * frequency));
-}
-
 TEST(ContactLaws, LeaveAPairAsItIsButForItsFriction) {
   EXPECT_EQ(in_force(kPair, 1.0).all, kPair.all);
   ContactValues slippery = kPair;

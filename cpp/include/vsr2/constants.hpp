@@ -40,11 +40,9 @@ struct QuietStretchConstants {
   /// being left. After five times a block began to rock with velocities off by 1e-8 m/s, and 3 % of
   /// borderline outcomes differed; after ten 1 % do (studies/quiet_stretches.py).
   double faded = 10.0;
-  /// Factor of changes of the specific force, for what the model of small deflections leaves out [1].
+  /// Factor of what the motion adds to rest, for what the model of small deflections leaves out [1].
   /// Chosen by hand.
   double safety = 1.25;
-  /// A point this near to the line through two others is on it [m]. Chosen by hand.
-  double on_line = 1e-6;
 };
 inline constexpr QuietStretchConstants kQuietStretch;
 

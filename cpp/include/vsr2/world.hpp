@@ -1,6 +1,7 @@
 #pragma once
 // A world: one rock on one driven pedestal, advanced step by step.
 
+#include <cstdint>
 #include <memory>
 #include <optional>
 #include <vector>
@@ -116,6 +117,8 @@ class World {
 
   /// None where it is not known: where the world cannot carry(), or the rock is in the air.
   virtual std::optional<Foothold> foothold() const;
+  /// Time steps since a contact of the foothold opened, closed or slid.
+  virtual std::int64_t steps_held() const { return 0; }
   /// Moves pedestal and rock as one body to set-point `to`, as if the time step before had led there
   /// from `from`, without turning. @throws InvalidInput where there is no foothold.
   virtual void carry(const DriveTarget& from, const DriveTarget& to);
