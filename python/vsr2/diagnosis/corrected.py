@@ -94,7 +94,7 @@ def with_effects_on_top(study: Study, added: Mapping[str, Mapping[str, float]]) 
     with warnings.catch_warnings():
         # Whoever simulates the scene is warned.
         warnings.simplefilter("ignore", EffectRangeWarning)
-        _turn_offset(out, added.get("registration", {}).get("yaw", 0.0))
+        _turn_rock(out, added.get("registration", {}).get("yaw", 0.0))
         for name, values in added.items():
             one = effect(name)
             own = one.accept(out[name]) if name in out else one.null()
@@ -104,16 +104,25 @@ def with_effects_on_top(study: Study, added: Mapping[str, Mapping[str, float]]) 
     return out
 
 
-def _turn_offset(out: dict[str, dict[str, Any]], turn: float) -> None:
-    """Turn the scene's own offset of the mass centre with the specimen, by degrees.
+def _turn_rock(out: dict[str, dict[str, Any]], turn: float) -> None:
+    """Turn with the specimen, by degrees, what the scene states of it along the table's axes.
 
-    In a study the turn comes before the offset, whose azimuth is then that of the table.
+    In a study the turn comes before what else is on the rock. The turn's own lean is part of
+    :meth:`vsr2.effects.Effect.twice`.
     """
-    if "com_offset" in out:
-        one = effect("com_offset")
-        own = one.accept(out["com_offset"])
-        own["azimuth"] = (own["azimuth"] + turn) % turn_of(one.parameter("azimuth"))
-        out["com_offset"] = _stated(one, own)
+    for name in out.keys() - {"registration"}:
+        one = effect(name)
+        own = one.accept(out[name])
+        steps = [(f"{part.name}_", part) for part, _ in one.acting_parts(own)]
+        turned = [
+            (prefix + parameter.name, turn_of(parameter))
+            for prefix, part in (steps if one.parts else [("", one)])
+            for parameter in part.parameters
+            if parameter.turns
+        ]
+        if turned:
+            own |= {key: (own[key] + turn) % full for key, full in turned}
+            out[name] = _stated(one, own)
 
 
 def scene_with(study: Study, added: Mapping[str, Mapping[str, float]]) -> Study:
