@@ -30,5 +30,6 @@ fi
 
 venv=${VSR2_VENV:-.venv}
 [ -x "$venv/bin/python" ] || /usr/bin/python3 -m venv "$venv"
+echo "Building the native core and installing into $venv: some minutes"
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check --upgrade pip
 "$venv/bin/python" -m pip install --quiet --disable-pip-version-check ".[$extras]"

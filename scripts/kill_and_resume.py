@@ -124,10 +124,10 @@ def verbs(study: Path, work: Path) -> dict[str, Verb]:
     # So little that only the fewest simulations are made, the same ones in every run.
     least = ("--seed", "1", "--budget-minutes", "0.001", "--no-how-far", "--tier", "M")
     left_out = [word for name in sorted(set(library()) - set(KEPT)) for word in ("--exclude", name)]
+    run = ("run", str(study), "--no-figures", "--set", "output.log_every=10", *quick)
     return {
-        "run": Verb(
-            ("run", str(study), "--no-figures", *quick), ("trials.csv", "logs/*", "models/*")
-        ),
+        "run": Verb(run, ("trials.csv", "logs/*", "models/*")),
+        "run --shard": Verb((*run, "--shard", "1/2"), ("shards/**/*.jsonl", "shards/**/logs/*")),
         "fragility": Verb(("fragility", str(study), "--no-figures", *quick), ("*.csv",)),
         "campaign simulate": Verb(simulate, ("trials.csv", "motions/*", "series/*")),
         "calibrate": Verb(
@@ -143,6 +143,11 @@ def verbs(study: Path, work: Path) -> dict[str, Verb]:
         "diagnose": Verb(
             ("diagnose", str(few), "--scene", str(small), *least, *left_out, *quick),
             ("*.csv",),
+            (simulate_few, few),
+        ),
+        "campaign causes": Verb(
+            ("campaign", "causes", str(small), str(few), "--scenes", "48", *left_out, *quick),
+            ("*.csv", "corrected.yaml"),
             (simulate_few, few),
         ),
         "blind make": Verb(make, ("data/**/*",)),

@@ -133,6 +133,10 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
             "diagnose d --scene s --out o --budget-minutes 3 --budget-cpu-minutes 1",
             "exclude each other; give one of them",
         ),
+        (
+            "diagnose d --scene s --out o --budget-minutes 3 --campaigns 150",
+            "exclude each other; give one of them",
+        ),
         ("motion convert a --out b --units furlong", "Choose from"),
         ("motion info", "FILES is missing; give it"),
         ("config import-ros2", "FILES is missing; give it"),
@@ -315,8 +319,8 @@ def test_diagnose_hands_budget_and_cache_on(
     assert "seen enough" in capsys.readouterr().err
     assert asked["budget"] == Budget(campaigns=300)
     assert asked["execution"].cache == ProtocolCache(tmp_path / "shared")
-    assert main([*line, "--simulations", "9000", "--budget-minutes", "3"]) == 2
-    assert asked["budget"] == Budget(3.0, 9000, 300)
+    assert main([*line[:-2], "--simulations", "9000"]) == 2
+    assert asked["budget"] == Budget(simulations=9000)
     assert asked["execution"].cache is None
     assert main([*line, "--no-how-far"]) == 2
     assert asked["budget"] == Budget(campaigns=300, held_out=False)

@@ -11,7 +11,14 @@ import pytest
 from command_line import run
 from planar.planar_simulator import PlanarSimulator
 from planted import observe, shaken_campaign
-from vsr2.campaign import Campaign, RunOptions, load_campaign, save_campaign, simulate_campaign
+from vsr2.campaign import (
+    Campaign,
+    MeasurementNoise,
+    RunOptions,
+    load_campaign,
+    save_campaign,
+    simulate_campaign,
+)
 from vsr2.config import load_study
 from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.reference_campaign import (
@@ -132,3 +139,27 @@ def test_an_effect_that_there_is_not_is_refused(folder) -> None:
     campaign = load_campaign(folder / "campaign")
     with pytest.raises(ConfigError, match="table_gian"):
         compare_reference(campaign, study.model_copy(update={"effects": {"table_gian": {}}}))
+
+
+def test_the_noise_of_orientations_is_part_of_the_floor(folder, monkeypatch) -> None:
+    monkeypatch.setattr("vsr2.diagnosis.reference_campaign.REFERENCE", ReferenceConstants(19, 2))
+    study = load_study(folder / "known.yaml")
+    noisy = simulate_campaign(
+        study,
+        series_every=10,
+        noise=MeasurementNoise(orientation=0.01),
+        run=RunOptions(threads=1),
+    )
+    found = {one.measure: one for one in compare_reference(noisy, study, threads=1)}
+    silent = replace(
+        noisy,
+        noise=MeasurementNoise(),
+        trials=tuple(
+            replace(trial, series=replace(trial.series, noise_orientation=None))
+            for trial in noisy.trials
+        ),
+    )
+    unsaid = {one.measure: one for one in compare_reference(silent, study, threads=1)}
+    assert unsaid["turn_size"].differs
+    assert not found["turn_size"].differs
+    assert not found["turn_mean"].differs

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import copy
+import itertools
 import json
 import pickle
 from collections.abc import Callable, Iterator
@@ -408,6 +409,21 @@ def test_native_scenes_are_let_go_of_the_longest_unused_first(
     for one, log in zip(alone, run_batch(trials, threads=2).logs, strict=True):
         assert log is not None
         assert one.tobytes() == log.state.tobytes()
+
+
+def test_native_scenes_of_many_points_are_few(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(module, "_kept", type(module._kept)())
+    monkeypatch.setattr(module, "MAX_NATIVE_POINTS", 20)
+    corners = list(itertools.product((-0.2, 0.2), (-0.2, 0.2), (-0.5, 0.5)))
+    block = scene_of(BOX)
+    plain = replace(block, rock=replace(block.rock, parts=(Hull(np.array(corners)),)))
+    scenes = [replace(plain, mechanisms=Mechanisms(adhesion=float(i))) for i in range(3)]
+    native = [native_scene(scene) for scene in scenes]
+    assert list(module._kept) == [scene.sha256 for scene in scenes[1:]]
+    assert native_scene(scenes[2]) is native[2]
+    monkeypatch.setattr(module, "MAX_NATIVE_POINTS", 1)
+    native_scene(scenes[0])
+    assert list(module._kept) == [scenes[0].sha256]
 
 
 def test_an_error_knows_the_key_of_the_study() -> None:

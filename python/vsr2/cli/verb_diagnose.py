@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from vsr2.config import Study
     from vsr2.diagnosis import Diagnosis, Hypotheses
 
-TIME = Group("Time (one of)", validator=one_of)
+BUDGET = Group("Budget (one of)", validator=one_of)
 
 
 @Parameter(name="*")
@@ -67,10 +67,10 @@ class Effort:
             diagnosis
     """
 
-    budget_minutes: Annotated[float, Parameter(group=TIME)] = 10.0
-    budget_cpu_minutes: Annotated[float | None, Parameter(group=TIME)] = None
-    simulations: opt.Integer | None = None
-    campaigns: opt.Integer | None = None
+    budget_minutes: Annotated[float, Parameter(group=BUDGET)] = 10.0
+    budget_cpu_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
+    simulations: Annotated[opt.Integer | None, Parameter(group=BUDGET)] = None
+    campaigns: Annotated[opt.Integer | None, Parameter(group=BUDGET)] = None
     no_how_far: bool = False
     waterfall: bool = False
     cache: Path | None = None

@@ -74,9 +74,12 @@ class ExtendedStudy(Generic[T]):
             elif isinstance(found, dict) and part in found:
                 found = found[part]
             else:
+                remedy = "docs/reference/configuration.md lists all"
+                if key.startswith("effects."):
+                    remedy = "name the effect in the study first, with the value it begins with"
                 raise ConfigError(
                     f"{self.label}: {shown(key)}: {shown(part)} is no key of the study as it is; "
-                    "docs/reference/configuration.md lists all"
+                    f"{remedy}"
                 )
         if not isinstance(found, (bool, int, float, str)):
             raise ConfigError(

@@ -18,7 +18,7 @@ from vsr2.campaign import Campaign
 from vsr2.config import Study
 from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis.constants import diagnosis_constants
-from vsr2.diagnosis.observed.features import TILT_FEATURES, rest_features
+from vsr2.diagnosis.observed.features import SERIES, TILT_FEATURES, rest_features
 from vsr2.diagnosis.observed.observations import Observations, observe_campaign
 from vsr2.diagnosis.observed.random_streams import Stream, generator
 from vsr2.diagnosis.simulated.cache import SimulationCache
@@ -138,6 +138,7 @@ def agreement(
     noise = seen.tilt_noise * rng.standard_normal(shape)
     noise[0] = 0.0
     peak = np.maximum(peak + noise, 0.0)
+    turn[1:] += _turn_noise(seen.campaign) * rng.standard_normal(turn[1:].shape)
     own = seen.campaign.trials
     tilts = [np.nan if t.peak_tilt is None else t.peak_tilt for t in own]
     measured = np.array([seen.overturned, tilts, [_turn(seen, i) for i in range(len(own))]])
@@ -192,3 +193,16 @@ def _turn(seen: Observations, i: int) -> float:
     if series is None:
         return np.nan
     return float(rest_features(series.tilt, None, series.orientation, None)[0])
+
+
+def _turn_noise(campaign: Campaign) -> Array:
+    """Standard error of each trial's final turn, shape (trials,) [rad]; of a series a median's."""
+    out = np.zeros(len(campaign))
+    for i, trial in enumerate(campaign.trials):
+        if trial.final_yaw is not None:
+            out[i] = campaign.noise.yaw or 0.0
+        elif trial.series is not None:
+            rows = min(SERIES.last, len(trial.series.time))
+            stated = trial.series.noise_orientation or campaign.noise.orientation or 0.0
+            out[i] = stated * np.sqrt(0.5 * np.pi / rows)
+    return out

@@ -45,7 +45,10 @@ def effect(name: str) -> Effect:
     """
     known = library()
     if name not in known:
-        raise ConfigError(f"there is no effect {name!r}; {offer(name, list(known))}", key="effects")
+        remedy = offer(name, list(known))
+        if not remedy.endswith("?"):
+            remedy += ", and those of a file that --effects names"
+        raise ConfigError(f"there is no effect {name!r}; {remedy}", key="effects")
     return known[name]
 
 

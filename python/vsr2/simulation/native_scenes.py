@@ -7,7 +7,7 @@ from collections import OrderedDict
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import asdict
-from typing import Any, assert_never
+from typing import Any, NamedTuple, assert_never
 from weakref import WeakKeyDictionary
 
 import numpy as np
@@ -19,6 +19,10 @@ from vsr2.scene import Box, Hull, Scene, Triangles
 
 MAX_NATIVE_SCENES = 64
 """Native scenes kept by this process; those of one mesh share its points."""
+MAX_NATIVE_POINTS = 2**19
+"""Points of their hulls together; at least one scene is kept."""
+POINT_BYTES = 100
+"""Memory that a point of a native scene's hulls takes, about."""
 
 _NOT_FAST = [one.name for one in _native.contact_parameters() if not one.fast]
 FAST_REFUSALS: Mapping[_native.FastRefusal, str] = {
@@ -30,7 +34,14 @@ FAST_REFUSALS: Mapping[_native.FastRefusal, str] = {
 }
 """Why `fast` does not take a scene."""
 
-_kept: OrderedDict[str, _native.Scene] = OrderedDict()
+
+class _Kept(NamedTuple):
+    scene: _native.Scene
+    points: int
+    """Of its hulls."""
+
+
+_kept: OrderedDict[str, _Kept] = OrderedDict()
 _hulls: WeakKeyDictionary[Hull, _native.HullPart] = WeakKeyDictionary()
 # A part keeps the hull that Bullet makes of its points. Scenes that differ in mass or contact have
 # the same `Hull`, whose points nothing changes.
@@ -44,13 +55,20 @@ def native_scene(scene: Scene) -> _native.Scene:
         SimulationError: values that no engine can use, or that the engine asked for does not take.
     """
     with _lock:
-        native = _kept.get(scene.sha256)
-        if native is None:
-            native = _kept[scene.sha256] = _built(scene)
+        if scene.sha256 not in _kept:
+            _kept[scene.sha256] = _Kept(_built(scene), hull_points(scene))
+            while len(_kept) > 1 and (
+                len(_kept) > MAX_NATIVE_SCENES
+                or sum(one.points for one in _kept.values()) > MAX_NATIVE_POINTS
+            ):
+                _kept.popitem(last=False)
         _kept.move_to_end(scene.sha256)
-        while len(_kept) > MAX_NATIVE_SCENES:
-            _kept.popitem(last=False)
-        return native
+        return _kept[scene.sha256].scene
+
+
+def hull_points(scene: Scene) -> int:
+    """Points of a rock's hulls."""
+    return sum(len(part.points) for part in scene.rock.parts if isinstance(part, Hull))
 
 
 def _built(scene: Scene) -> _native.Scene:

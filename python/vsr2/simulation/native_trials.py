@@ -3,9 +3,10 @@
 from __future__ import annotations
 
 import time
+from collections import Counter, OrderedDict
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass
-from functools import lru_cache
+from functools import lru_cache, partial
 from typing import Any
 
 import numpy as np
@@ -16,7 +17,7 @@ from vsr2.motion import Motion
 from vsr2.results import FLOAT_COLUMNS, RESULT_COLUMNS, HandOver, Outcome, Status, TrialLog
 from vsr2.scene import Pose
 from vsr2.simulation.native_drive import native_drive
-from vsr2.simulation.native_scenes import native_scene
+from vsr2.simulation.native_scenes import POINT_BYTES, hull_points, native_scene
 from vsr2.simulation.planning import log_bytes
 from vsr2.trial import Trial
 
@@ -32,9 +33,11 @@ class QueueConstants:
         poll: how often finished trials are collected and Ctrl-C is looked for, at least [s].
         pause: share of the time that the core is busy anyway, for which finished trials may lie.
         trials: most that the core holds, waiting, running or not yet taken.
-        bytes: most that their samples and logs can take, unless two trials a thread take more.
+        bytes: most that their samples, logs and scenes can take, unless two trials a thread take
+            more.
         refill: share of either down to which they run out before more are made.
-        starts: settled starts that are kept for later trials.
+        starts: settled starts of a scene that are kept for later trials.
+        scenes: of which they are kept, those used last.
     """
 
     poll: float = 0.1
@@ -43,6 +46,7 @@ class QueueConstants:
     bytes: int = 2**25
     refill: float = 0.5
     starts: int = 4096
+    scenes: int = 16
 
 
 QUEUE = QueueConstants()
@@ -59,6 +63,25 @@ def _settled_start(
         log_every=log_every,
         **settling.model_dump(),
     )
+
+
+class _SettledStarts:
+    """Equal starts settle once.
+
+    Those not used for a while go, and those of scenes not used for a while, so memory does not
+    grow.
+    """
+
+    def __init__(self) -> None:
+        self._of: OrderedDict[_native.Scene, Callable[..., _native.SettledStart]] = OrderedDict()
+
+    def __call__(self, scene: _native.Scene, *start: Any) -> _native.SettledStart:
+        if scene not in self._of:
+            self._of[scene] = lru_cache(QUEUE.starts)(partial(_settled_start, scene))
+        self._of.move_to_end(scene)
+        if len(self._of) > QUEUE.scenes:
+            self._of.popitem(last=False)
+        return self._of[scene](*start)
 
 
 def _specification(
@@ -100,13 +123,13 @@ def run_native(
         stopped: asked every `poll`; once true, trials that run end with status `cancelled` and no
             others begin.
     """
-    # Equal starts settle once; those not used for a while go, so memory does not grow.
-    settled_start = lru_cache(QUEUE.starts)(_settled_start)
+    settled_start = _SettledStarts()
     native = _native.Batch(threads=threads)
     # Specifications are kept: who lets go of a motion last needs the interpreter's lock, for which
     # a thread of the core would wait while trials are made.
     under_way: dict[int, tuple[Trial, _native.TrialSpec, float]] = {}
     ahead, began, taken = 0.0, time.monotonic(), 0
+    scenes: Counter[str] = Counter()
     waiting = iter(trials)
     following = next(waiting, None)
     try:
@@ -123,6 +146,9 @@ def run_native(
                 specification = _specification(following, settled_start)
                 under_way[native.add(specification)] = following, specification, size
                 ahead += size
+                if not scenes[following.scene.sha256]:
+                    ahead += POINT_BYTES * hull_points(following.scene)
+                scenes[following.scene.sha256] += 1
                 following = next(waiting, None)
             else:
                 native.close()
@@ -132,6 +158,10 @@ def run_native(
                 result = native.take(i)
                 trial, _, size = under_way.pop(i)
                 ahead -= size
+                scenes[trial.scene.sha256] -= 1
+                if not scenes[trial.scene.sha256]:
+                    del scenes[trial.scene.sha256]
+                    ahead -= POINT_BYTES * hull_points(trial.scene)
                 taken += 1
                 take(i, trial, _row(result), _log(trial, result))
             if stopped():
