@@ -53,6 +53,7 @@ class Resampled:
         velocity: shape (n,) [m/s].
         spline: through the samples, over their number.
         position: of the new samples but the last, in numbers of old ones, shape (n - 1,).
+        ratio: of the new interval to the old one.
         interval: between the old samples [s].
         record: displacement that was resampled, shape (m,) [m]; None where every new sample falls
             on an old one.
@@ -62,13 +63,14 @@ class Resampled:
     velocity: Array
     spline: BSpline
     position: Array
+    ratio: float
     interval: float
     record: Array | None
 
     @cached_property
     def acceleration(self) -> Array:
         """Of the spline, and 0 at the last sample; shape (n,) [m/s^2], made when asked for."""
-        (second,) = at(self.spline, self.position, (2,))
+        (second,) = at(self.spline, self.position, (2,), _weights(self.ratio))
         return np.append(second / self.interval**2, 0.0)
 
     @property
@@ -144,6 +146,7 @@ def resample(
         velocity=np.append(rate / sample_interval, 0.0),
         spline=spline,
         position=position,
+        ratio=ratio,
         interval=sample_interval,
         record=None if on_sample.all() else values,
     )
