@@ -57,7 +57,7 @@ HYPOTHESES = Hypotheses()
 OF_RECORDS = SingleRecording | AllRecordings
 KEPT_SCENES = 2
 """Scenes of which it is kept what effects made of bodies and motions: those asked for last."""
-KEPT_MOTIONS = 128
+KEPT_MOTIONS = 64
 """Trials of each whose motions are kept."""
 
 
