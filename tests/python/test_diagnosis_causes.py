@@ -29,7 +29,7 @@ from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request, Responses
 from vsr2.diagnosis.verdict.inferred_causes import parameter_sizes
 from vsr2.effects import library
-from vsr2.errors import DiagnosisError
+from vsr2.errors import DiagnosisError, ResultError
 from vsr2.report.causes_figure import causes_figure
 from vsr2.report.messages import found_causes
 from vsr2.report.messages.found_causes import causes_text
@@ -224,6 +224,17 @@ def test_what_a_search_cost_and_what_it_ran_on_are_stated(found) -> None:
     minutes = [provenance["wall_time_s"] / 60, provenance["search_time_s"] / 60]
     text = causes_text(found[0])
     assert f"took {minutes[0]:.1f} min with 1 thread, {minutes[1]:.1f} of them for" in text
+
+
+def test_a_finished_search_with_another_seed_is_not_replaced(campaign, found) -> None:
+    _, folder = found
+    before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    with pytest.raises(ResultError, match="a search for causes of another scene, campaign or seed"):
+        find_causes(
+            campaign, scene(), out=folder, scenes=SCENES.least, hypotheses=ASKED, seed=1,
+            execution=Execution(threads=1),
+        )  # fmt: skip
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
 def test_threads_and_what_is_there_change_no_byte(campaign, found, tmp_path) -> None:

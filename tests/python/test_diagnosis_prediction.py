@@ -23,7 +23,7 @@ from vsr2.diagnosis.prediction import PREDICTION
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import effect
-from vsr2.errors import CampaignError, ConfigError, DiagnosisError, GeometryError
+from vsr2.errors import CampaignError, ConfigError, DiagnosisError, GeometryError, ResultError
 
 BOX = {
     "name": "box",
@@ -123,6 +123,17 @@ def test_tables_are_written(campaign, found, tmp_path) -> None:
     curve = list(csv.DictReader((tmp_path / "reliability.csv").read_text().splitlines()))
     assert sum(int(row["trials"]) for row in curve) == len(campaign)
     assert json.loads((tmp_path / "provenance.json").read_text())["replicates"] == FEW
+
+
+def test_a_finished_prediction_of_another_scene_is_not_replaced(campaign, found, tmp_path) -> None:
+    found.save(tmp_path)
+    before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    other = scene(table_gain={"change": 0.05})
+    with pytest.raises(ResultError, match="a prediction of another scene, campaign or seed"):
+        predict(campaign, other, out=tmp_path, replicates=FEW, execution=Execution(threads=1))
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
+    more = predict(campaign, scene(), out=tmp_path, replicates=FEW + 1, execution=Execution(1))
+    np.testing.assert_array_equal(more.outcomes[:FEW], found.outcomes)
 
 
 def test_without_outcomes_there_are_predictions_and_no_scores(campaign, found, tmp_path) -> None:

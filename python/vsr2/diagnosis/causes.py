@@ -63,7 +63,7 @@ from vsr2.diagnosis.verdict.inferred_causes import (
     inferred_causes,
 )
 from vsr2.errors import ConfigError, DiagnosisError
-from vsr2.results import base_provenance
+from vsr2.results import base_provenance, refuse_other_work
 from vsr2.results.atomic import csv_text, write_text
 from vsr2.simulation.batch import usable_threads
 
@@ -208,6 +208,9 @@ def find_causes(
     study = scene if isinstance(scene, Study) else load_study(scene)
     folder = None if out is None else made_folder(Path(out))
     simulator = simulator_of(used, study, hypotheses, execution, seed)
+    if folder is not None:
+        identity = ("provenance", "simulator"), simulator.identity
+        refuse_other_work(folder / CAUSES_FILE, *identity, "a search for causes")
     model, as_it_is, work = _modelled(used, simulator, folder, count, execution, seed)
     work |= {"seed": seed, "left_out": len(given) - len(used), "search_time_s": watch.wall_s}
     posterior = _inferred(model, execution, seed)

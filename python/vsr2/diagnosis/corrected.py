@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from itertools import product
+from itertools import pairwise, product
 from pathlib import Path
 from typing import Any
 
@@ -117,8 +117,8 @@ def _turn_rock(out: dict[str, dict[str, Any]], turn: float) -> None:
         turned = [
             (prefix + parameter.name, turn_of(parameter))
             for prefix, part in (steps if one.parts else [("", one)])
-            for parameter in part.parameters
-            if parameter.turns
+            for size, parameter in pairwise(part.parameters)
+            if parameter.turns and not size.is_null(own[prefix + size.name])
         ]
         if turned:
             own |= {key: (own[key] + turn) % full for key, full in turned}

@@ -52,7 +52,7 @@ from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import check_study_effects, effect
 from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
-from vsr2.results import base_provenance
+from vsr2.results import base_provenance, refuse_other_work
 from vsr2.results.atomic import csv_text, write_text
 
 Array = NDArray[np.float64]
@@ -380,6 +380,9 @@ class _Runs:
             rows = range(k, replicates, len(self.scenes))
             simulator = self._simulator(self.campaign, study)
             self.identities.append(simulator.identity)
+            if folder is not None:
+                identity = ("simulators", k), simulator.identity
+                refuse_other_work(folder / PROVENANCE, *identity, "a prediction")
             requests = [Request(i, (), row + 1, 1) for row in rows for i in range(out.shape[1])]
             with SimulationCache(simulator, self._cache(folder), chunk=PREDICTION.chunk) as store:
                 found = store.run(requests, progress=progress)

@@ -62,7 +62,7 @@ class Parameter:
             relative changes (`growth`) or losses, the root of the sum of squares of two
             independent draws (`spread`), the least, the later one. Empty: no value does.
         turns: a direction on the rock, stated along the table's axes, so that it turns with the
-            rock.
+            rock; the parameter before it is the size.
     """
 
     name: str

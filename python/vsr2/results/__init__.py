@@ -42,7 +42,7 @@ from vsr2.results.result_folder import (
     save_trial_log,
 )
 from vsr2.results.trial_log import CONTACT_COLUMNS, STATE_COLUMNS, TrialLog
-from vsr2.results.work_folder import prepare_work_folder
+from vsr2.results.work_folder import prepare_work_folder, refuse_other_work
 
 __all__ = [
     "CONTACT_COLUMNS",
@@ -80,6 +80,7 @@ __all__ = [
     "prepare_work_folder",
     "read_journal",
     "refuse_links",
+    "refuse_other_work",
     "remove_journal",
     "remove_result",
     "remove_temporaries",

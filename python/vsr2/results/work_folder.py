@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import json
+from collections.abc import Iterable, Sequence
 from pathlib import Path
+from typing import Any
 
 from vsr2.errors import ResultError
 from vsr2.results.links import FIGURE_FOLDER, refuse_links
@@ -56,3 +58,28 @@ def prepare_work_folder(
         reason = getattr(error, "strerror", None) or error
         raise ResultError(f"{path}: cannot be used ({reason}); choose another folder") from error
     return path
+
+
+def refuse_other_work(file: Path, keys: Sequence[str | int], wanted: str, what: str) -> None:
+    """Refuse to go on where a finished result is of other work, which would replace it.
+
+    Args:
+        file: the result, as JSON; where there is none, or none that can be read, nothing is lost.
+        keys: that lead to what tells works apart.
+        wanted: its value for the work that is asked for.
+        what: such a file holds, as "a search for causes".
+
+    Raises:
+        ResultError: the file holds another value.
+    """
+    try:
+        found: Any = json.loads(file.read_text(encoding="utf-8"))
+        for key in keys:
+            found = found[key]
+    except (OSError, ValueError, LookupError, TypeError):
+        return
+    if found != wanted:
+        raise ResultError(
+            f"{file}: is {what} of another scene, campaign or seed; replace it with "
+            "`--overwrite`, or choose another folder"
+        )
