@@ -208,9 +208,6 @@ def find_causes(
     study = scene if isinstance(scene, Study) else load_study(scene)
     folder = None if out is None else made_folder(Path(out))
     simulator = simulator_of(used, study, hypotheses, execution, seed)
-    if folder is not None:
-        identity = ("provenance", "simulator"), simulator.identity
-        refuse_other_work(folder / CAUSES_FILE, *identity, "a search for causes")
     model, as_it_is, work = _modelled(used, simulator, folder, count, execution, seed)
     work |= {"seed": seed, "left_out": len(given) - len(used), "search_time_s": watch.wall_s}
     posterior = _inferred(model, execution, seed)
@@ -307,6 +304,9 @@ def _modelled(
     space = cause_space(simulator.library, simulator.excluded)
     if not space.names:
         raise DiagnosisError("no effect is left to look for: exclude fewer")
+    if folder is not None:
+        identity = ("provenance", "simulator"), simulator.identity
+        refuse_other_work(folder / CAUSES_FILE, *identity, "a search for causes")
     overturned, motions = used.overturned > 0, np.asarray(used.motion_ids)
     path = None if folder is None else folder / SIMULATIONS
     if execution.cache is not None:
