@@ -5,13 +5,13 @@
         [--threads N]
 
 Runs `vsr2 diagnose --waterfall` on the trials that have a motion, in the scene of
-lab_diagnosis.yaml, with all effects but `base_slope` (ten times as dear as the others on this
-specimen, and in one class with `com_offset`). A run that was interrupted is continued. Writes to
-OUT what `vsr2 diagnose` writes and, to OUT/committed, what may be committed (no table of trials):
-diagnosis.json, effects.csv, where.csv, the page's figures, and metrics.csv: agreement with the
-observed outcomes of the model before and after the diagnosed effects are added, and with all
-effects of the posterior (`predicted`), each motion judged by what comes from other motions. Trials
-that never lift off stand in all of these.
+lab_diagnosis.yaml, with all effects but `base_slope` (in one class with `com_offset`, and ten times
+as dear as the others when the committed figures were made; it no longer is). A run that was
+interrupted is continued. Writes to OUT what `vsr2 diagnose` writes and, to OUT/committed, what may
+be committed (no table of trials): diagnosis.json, effects.csv, where.csv, the page's figures, and
+metrics.csv: agreement with the observed outcomes of the model before and after the diagnosed
+effects are added, and with all effects of the posterior (`predicted`), each motion judged by what
+comes from other motions. Trials that never lift off stand in all of these.
 """
 
 from __future__ import annotations

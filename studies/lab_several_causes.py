@@ -5,9 +5,9 @@
 
 Does what
 `vsr2 campaign causes studies/lab_diagnosis.yaml out/lab --exclude base_slope --one-contact-model`
-does: all effects but `base_slope` (ten times as dear as the others on this specimen, and in one
-class with `com_offset`) and one contact model (correct ones differ by less than what is drawn here,
-and cost twice the time). No list of causes is written by
+does: all effects but `base_slope` (in one class with `com_offset`, and ten times as dear as the
+others when the committed figures were made; it no longer is) and one contact model (correct ones
+differ by less than what is drawn here, and cost twice the time). No list of causes is written by
 hand. A run that was interrupted is continued. Writes to OUT what the verb writes, and to
 OUT/committed what may be committed: causes.json, causes.csv and the figure.
 """

@@ -54,6 +54,7 @@ from vsr2.trial import Trial
 
 SCENES = ("block", "pbr_scan", "SP1")
 FAMILY = "SP1-family"
+"""A campaign instead of borderline records: :func:`family`."""
 MOVE = 1e-6
 """Of the start [m]; turned by as much about x, y and z, as components of the quaternion."""
 SETTLING = Settling(timeout=120.0)

@@ -110,7 +110,7 @@ void FastStepper::clear() {
   low_.clear();
 }
 
-FastStepper::Snapshot FastStepper::snapshot() const { 
+FastStepper::Snapshot FastStepper::snapshot() const {
   return {state, contacts_, count_, held_, closed_};
 }
 

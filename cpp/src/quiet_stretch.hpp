@@ -40,19 +40,19 @@ class Bearing {
   double memory() const { return memory_; }
 
  private:
-  using Row = Eigen::RowVector3d;
-  // Of all three modes, by component.
+  // All three modes, of unit mass, by component. With the eigenvalue e and s = e / softness a step is
+  // v' = (v + driven - restoring q) decay, q' = q + h v'.
   struct Modes {
-    Eigen::Array3d decay;     ///< 1 / (1 + s)
-    Eigen::Array3d restoring; ///< s erp / h
-    Eigen::Matrix3d driven;   ///< by a change of the top's velocity along T
+    Eigen::Array3d decay;      ///< 1 / (1 + s)
+    Eigen::Array3d restoring;  ///< s erp / h [1/s]
+    Eigen::Matrix3d driven;    ///< by a change of the top's velocity along T
     Eigen::Array3d velocity = Eigen::Array3d::Zero();
     Eigen::Array3d place = Eigen::Array3d::Zero();
   };
   struct Contact {
-    Row rise;          ///< deflection by the modes
-    double impulse;    ///< at rest, of a solver step [N s]
-    double deflection; ///< at rest, negative [m]
+    Eigen::RowVector3d rise;  ///< deflection by the modes
+    double impulse;           ///< at rest, of a solver step [N s]
+    double deflection;        ///< at rest, negative [m]
   };
 
   bool substep(const Eigen::Vector3d& dv_T);

@@ -161,12 +161,13 @@ class Trial {
   void skip_quiet() {
     if (!skips_) return;
     if (shaken_ < ask_from_) return;
-    const bool still = still_.at_rest_for(1);
-    if (!still && world_.steps_held() < still_.window_steps()) return;
+    std::optional<std::int64_t> held;
+    if (!still_.at_rest_for(1)) {
+      held = world_.steps_held();
+      if (*held < still_.window_steps()) return;
+    }
     const std::optional<Foothold> foothold = world_.foothold();
     if (!foothold) return;
-    std::optional<std::int64_t> held;
-    if (!still) held = world_.steps_held();
     const std::int64_t last = quiet_.last(*foothold, held, shaken_, size_, ask_from_);
     rests_to_end_ = last == size_;
     rest_until(std::min(last, size_ - 1));

@@ -266,7 +266,8 @@ def predict(
         DiagnosisError: an option or the folder cannot be used.
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
-        ResultError: a file cannot be written.
+        ResultError: a file cannot be written, or the folder holds a finished result of another
+            scene, campaign or seed.
     """
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     used = given.with_motion()

@@ -196,7 +196,10 @@ def _turn(seen: Observations, i: int) -> float:
 
 
 def _turn_noise(campaign: Campaign) -> Array:
-    """Standard error of each trial's final turn, shape (trials,) [rad]; of a series a median's."""
+    """Standard error of each trial's final turn, shape (trials,) [rad].
+
+    Of a series it is that of the median of n normal values, sd sqrt(pi / (2 n)).
+    """
     out = np.zeros(len(campaign))
     for i, trial in enumerate(campaign.trials):
         if trial.final_yaw is not None:
