@@ -196,8 +196,7 @@ def find_causes(
             or outcomes of one kind alone.
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
-        ResultError: a file cannot be written, or the folder holds a finished result of another
-            scene, campaign or seed.
+        ResultError: a file cannot be written, or is a finished result of other work.
     """
     watch, seed = Stopwatch(), checked_seed(seed, DiagnosisError)
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)

@@ -266,8 +266,7 @@ def predict(
         DiagnosisError: an option or the folder cannot be used.
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
-        ResultError: a file cannot be written, or the folder holds a finished result of another
-            scene, campaign or seed.
+        ResultError: a file cannot be written, or is a finished result of other work.
     """
     given = campaign if isinstance(campaign, Campaign) else load_campaign(campaign)
     used = given.with_motion()
