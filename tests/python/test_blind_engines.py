@@ -19,7 +19,7 @@ from vsr2.blind.form.seal import folder_sha256
 from vsr2.blind.mujoco import ContactModel
 from vsr2.config import Study
 from vsr2.diagnosis import DEFAULT_NUISANCES
-from vsr2.effects import apply_effects, library
+from vsr2.effects import library
 from vsr2.errors import BlindError, SimulationError
 
 
@@ -225,9 +225,10 @@ def test_draws_of_the_scene_are_no_draws_of_the_custodian(study) -> None:
     def yaws(number: int) -> list[float]:
         context = dataclasses.replace(shake.context, campaign_seed=number)
         inputs = [dataclasses.replace(shake, context=context)] * 4
-        made = build_engine("bullet", turned)._trials(inputs, DrawnNuisances(), 0.02)
-        drawn = apply_effects(made, {"placement": {"yaw": 5.0}}, seed=number)
+        engine = build_engine("bullet", turned)
+        bare = engine._trials(inputs, DrawnNuisances(), 0.02)
+        drawn = engine._with_effects(bare, inputs, {"placement": {"yaw": 5.0}})
         assert len({one.values for trial in drawn for one in trial.effects}) == 8
-        return [dict(one.values)["yaw"] for trial in made for one in trial.effects]
+        return [dict(trial.effects[0].values)["yaw"] for trial in drawn]
 
     assert yaws(1) == yaws(1) != yaws(2)

@@ -229,7 +229,7 @@ def test_what_a_search_cost_and_what_it_ran_on_are_stated(found) -> None:
 def test_a_finished_search_with_another_seed_is_not_replaced(campaign, found) -> None:
     _, folder = found
     before = {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()}
-    with pytest.raises(ResultError, match="a search for causes of another scene, campaign or seed"):
+    with pytest.raises(ResultError, match="a search for causes of another scene, campaign, seed"):
         find_causes(
             campaign, scene(), out=folder, scenes=SCENES.least, hypotheses=ASKED, seed=1,
             execution=Execution(threads=1),

@@ -13,13 +13,12 @@ from vsr2.diagnosis import Diagnosis
 from vsr2.diagnosis.corrected import (
     corrected_study,
     drawn_studies,
-    scene_with,
     with_correction,
     write_corrected,
     write_draws,
 )
 from vsr2.diagnosis.simulated.library import free_parameters
-from vsr2.effects import Effect, EffectRangeWarning, chosen, effect, with_effects
+from vsr2.effects import Effect, EffectRangeWarning, effect
 from vsr2.errors import DiagnosisError
 from vsr2.fragility import load_fragility
 from vsr2.simulation import study_trials
@@ -86,48 +85,6 @@ def test_what_is_named_is_put_on_top_of_the_scene_s_own() -> None:
     assert made is not None
     assert made.effects == found.content["corrected"]["scene"]
     assert made.model_copy(update={"effects": study.effects}) == study
-
-
-@pytest.mark.parametrize(
-    ("name", "stated", "turned"),
-    [
-        ("com_offset", {"distance": 0.01, "azimuth": 300.0}, {"azimuth": 30.0}),
-        (
-            "change_point",
-            {"at": 0.1, "com_offset_distance": 0.01, "com_offset_azimuth": 300.0},
-            {"com_offset_azimuth": 30.0},
-        ),
-        (
-            "session",
-            {"at": 0.1, "com_offset_distance": 0.01, "friction_factor": 0.8},
-            {"com_offset_azimuth": 90.0},
-        ),
-        (
-            "session",
-            {"at": 0.1, "registration_lean": 1.5, "registration_lean_azimuth": 10.0},
-            {"registration_lean_azimuth": 100.0},
-        ),
-        ("change_point", {"at": 0.1, "slenderness_change": 0.05}, {}),
-        ("base_slope", {"angle": 1.0, "azimuth": 300.0}, {}),
-    ],
-)
-def test_a_turn_takes_what_the_scene_states_of_the_rock_with_it(name, stated, turned) -> None:
-    """In a study the turn comes first, and azimuths are those of the table."""
-    own = {name: stated}
-    found = scene_with(scene(own), {"registration": {"yaw": 90.0}}).effects
-    assert found[name] == stated | turned
-    assert found["registration"] == {"yaw": 90.0}
-    trials = study_trials(scene()) * 2
-    when = {"relative_order": [0.0, 1.0], "sessions": ["1", "2"]}
-    turn = (effect("registration"), effect("registration").accept({"yaw": 90.0}))
-    on_top = with_effects(with_effects(trials, chosen(own), **when), [turn], **when)
-    corrected = with_effects(trials, chosen(found), **when)
-    for made, wanted in zip(corrected, on_top, strict=True):
-        for of in (
-            lambda one: one.scene.rock.mass.mass_center,
-            lambda one: one.start_pose.orientation,
-        ):
-            np.testing.assert_allclose(of(made), of(wanted), atol=1e-12)
 
 
 def test_of_each_cause_the_first_is_taken() -> None:

@@ -129,7 +129,7 @@ def test_a_finished_prediction_of_another_scene_is_not_replaced(campaign, found,
     found.save(tmp_path)
     before = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
     other = scene(table_gain={"change": 0.05})
-    with pytest.raises(ResultError, match="a prediction of another scene, campaign or seed"):
+    with pytest.raises(ResultError, match="a prediction of another scene, campaign, seed"):
         predict(campaign, other, out=tmp_path, replicates=FEW, execution=Execution(threads=1))
     assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == before
     more = predict(campaign, scene(), out=tmp_path, replicates=FEW + 1, execution=Execution(1))

@@ -13,13 +13,14 @@ from diagnosis_samples import few_effects, few_simulations, made_trials
 from planted import shaken_campaign
 from vsr2.campaign import Campaign
 from vsr2.config import Study, study_from_mapping
-from vsr2.diagnosis import Budget, Execution, Hypotheses, Nuisance, diagnose
+from vsr2.diagnosis import Budget, Execution, Hypotheses, Nuisance, ProtocolCache, diagnose
+from vsr2.diagnosis.corrected import scene_with
 from vsr2.diagnosis.simulated.library import free_parameters
 from vsr2.diagnosis.simulated.nuisances import Normal, Scope, with_deviations
 from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Effects, Request
 from vsr2.effects import apply_effects, effect, library
-from vsr2.errors import ConfigError, DiagnosisError, Fault, GeometryError
+from vsr2.errors import ConfigError, DiagnosisError, Fault, GeometryError, ResultError
 from vsr2.motion import Recorded
 from vsr2.trial import Trial
 
@@ -110,8 +111,6 @@ def test_what_a_scene_s_effect_draws_belongs_to_a_simulated_campaign(shaken) -> 
     more = built(own, (("placement", (5.0, 0.0)),), 1, 1)
     assert yaws(more) == others[1]
     assert abs(np.corrcoef(yaws(more), yaws(more, at=1))[0, 1]) < 0.7
-    # What draws nothing is put into the trials once.
-    assert [applied.effect.name for applied in own._trials[0].effects] == ["friction"]
 
 
 def test_effects_on_top_of_the_scene_s_own(shaken) -> None:
@@ -123,9 +122,59 @@ def test_effects_on_top_of_the_scene_s_own(shaken) -> None:
     assert set(own.library) == {"friction", "restitution"}
     # The null of a ratio that is stated itself is the scene's.
     assert own.library["restitution"].null() == {"energy_ratio": 0.8}
-    before = own._trials[0].scene.contact.rock.lateral_friction
+    before = built(own)[0].scene.contact.rock.lateral_friction
     after = built(own, (("friction", (0.25,)),))[0].scene.contact.rock.lateral_friction
     assert after == pytest.approx(before * 0.5)
+
+
+DRAWN = {name for name, one in library().items() if one.stage in ("start", "outcome")}
+"""Effects that draw for each trial, or change what is noted alone."""
+
+
+@pytest.mark.filterwarnings("ignore::vsr2.effects.EffectRangeWarning")
+@pytest.mark.parametrize("first", sorted(library().keys() - DRAWN))
+def test_a_corrected_scene_is_the_one_that_was_diagnosed(shaken, first: str) -> None:
+    """Whichever effect was in the scene before, and whichever came on top."""
+    few = replace(shaken, trials=tuple(shaken.trials[i] for i in (0, 19)))
+    study = scene({first: stated(first)})
+    compared = set()
+    for name in sorted(library().keys() - DRAWN - {first}):
+        # With a nuisance of the same effect they differ by rounding.
+        others = tuple(one for one in STILL if one.acting.name not in (first, name))
+        asked = Hypotheses({name: effect(name)}, nuisances=others)
+        diagnosed = SceneSimulator(few, study, hypotheses=asked, seed=3)
+        if name not in diagnosed.library:
+            continue
+        values = effect(name).complete(stated(name))
+        on_top = made_trials(diagnosed, ((name, tuple(values.values())),), 1, 1, range(2))
+        corrected = SceneSimulator(
+            few, scene_with(study, {name: stated(name)}), seed=3,
+            hypotheses=replace(asked, library={}),
+        )  # fmt: skip
+        again = made_trials(corrected, (), 1, 1, range(2))
+        for i in range(2):
+            assert content(again[i]) == content(on_top[i]), name
+        compared.add(name)
+    assert len(compared) > 15
+
+
+def stated(name: str) -> dict[str, float]:
+    """Half of the way to the prior's end, as a study states it."""
+    one = effect(name)
+    return {
+        p.name: float(f"{0.5 * (p.null + p.extreme) if np.isfinite(p.null) else p.extreme:.6g}")
+        for p in one.parameters
+        if not p.secondary and p.prior != "fixed"
+    }
+
+
+def content(trial: Trial) -> tuple[object, ...]:
+    """What is simulated of a trial, without what it is called."""
+    start = trial.start_pose
+    return (
+        trial.scene.sha256, start.position, start.orientation, trial.motion.sha256,
+        trial.drive, trial.settling, trial.outcome,
+    )  # fmt: skip
 
 
 def test_a_nuisance_multiplies_the_scene_s_own_value(shaken) -> None:
@@ -169,8 +218,8 @@ def test_what_comes_in_midway_is_not_available_again(shaken) -> None:
     [
         (True, (), True),
         (False, (), False),
-        # Noise of a trial's own comes first, and then its record no longer tells the motion.
-        (True, [Nuisance("motion_noise", "displacement", Normal(1e-5), Scope.TRIAL)], False),
+        # Noise of the motion comes last, so that the record tells the motion before.
+        (True, [Nuisance("motion_noise", "displacement", Normal(1e-5), Scope.TRIAL)], True),
     ],
 )
 def test_the_crossover_is_diagnosed_where_every_record_has_both_channels(
@@ -197,6 +246,8 @@ def test_the_crossover_is_diagnosed_where_every_record_has_both_channels(
     acting = () if not open else (("input_channel", values),)
     after = [one.motion for one in built(own, acting, nuisance=1, replicate=1)]
     assert all(("below 3 Hz" in motion.source) == open for motion in after)
+    noisy = bool(nuisances)
+    assert all(("noise of" in motion.source) == noisy for motion in after)
 
 
 @pytest.mark.filterwarnings("ignore::vsr2.effects.EffectRangeWarning")
@@ -217,6 +268,7 @@ def test_an_effect_that_the_scene_cannot_have_is_refused(shaken, own, error, mes
 
 
 def test_a_gap_closes_once_its_cause_is_in_the_scene(shaken, tmp_path) -> None:
+    cache = ProtocolCache(tmp_path / "cache")
     cause = {"catch": {"slack": 6.0}}
     hypotheses = Hypotheses({n: library()[n] for n in ("table_gain", "catch")}, nuisances=STILL[:3])
     truth = SceneSimulator(shaken, scene(cause), hypotheses=hypotheses, seed=5)
@@ -229,9 +281,9 @@ def test_a_gap_closes_once_its_cause_is_in_the_scene(shaken, tmp_path) -> None:
     with few_simulations(), few_effects("table_gain", "catch"):
         found = {
             label: diagnose(
-                seen, scene(own), tier="M", out=tmp_path,
+                seen, scene(own), tier="M", out=tmp_path / "found" / label,
                 budget=Budget(campaigns=150, held_out=False),
-                hypotheses=hypotheses, execution=Execution(threads=1),
+                hypotheses=hypotheses, execution=Execution(threads=1, cache=cache),
             )
             for label, own in (("plain", {}), ("corrected", cause))
         }  # fmt: skip
@@ -240,7 +292,9 @@ def test_a_gap_closes_once_its_cause_is_in_the_scene(shaken, tmp_path) -> None:
     noted = {label: one.content["provenance"] for label, one in found.items()}
     assert noted["plain"]["scene_effects"] == {}
     assert noted["corrected"]["scene_effects"] == cause
-    # In one folder, neither simulations nor posteriors of the one serve the other.
+    # In one cache, neither simulations nor posteriors of the one serve the other.
     assert noted["plain"]["simulator"] != noted["corrected"]["simulator"]
     assert noted["corrected"]["budget"]["reused"] == 0
-    assert len(list(tmp_path.glob("posterior-*.npz"))) == 2
+    assert len(list(cache.folder.glob("posterior-*.npz"))) == 2
+    with few_simulations(), pytest.raises(ResultError, match="a diagnosis of another scene"):
+        diagnose(seen, scene(cause), tier="M", out=tmp_path / "found" / "plain")

@@ -18,7 +18,6 @@ from vsr2.cli.main import main
 from vsr2.config import dump_study, study_from_mapping
 from vsr2.config.study import Output
 from vsr2.effects import (
-    Effect,
     EffectRangeWarning,
     Parameter,
     chosen,
@@ -26,9 +25,9 @@ from vsr2.effects import (
     effect,
     in_order,
     registry,
-    with_effect,
     with_effects,
 )
+from vsr2.effects.apply import ByTrial
 from vsr2.errors import ConfigError, GeometryError, MotionError, SimulationError
 from vsr2.motion import Motion, Record, build_recorded_motion
 from vsr2.results import prepare_folder
@@ -101,23 +100,6 @@ def test_a_trial_among_others_is_what_it_is_alone(trials: list[Trial]) -> None:
             assert alone == {i: together[i]}
 
 
-@pytest.mark.parametrize("one", registry.BUILT_IN, ids=lambda one: one.name)
-def test_an_effect_put_into_one_trial_is_what_it_is_among_others(
-    one: Effect, trials: list[Trial]
-) -> None:
-    for values in (one.extreme(), one.null()):
-        many = with_effects(
-            trials[:1], [(one, values)], relative_order=[0.7], sessions=["b"], seed=3
-        )
-        alone = with_effect(trials[0], one, values, relative_order=0.7, session="b", seed=3)
-        assert alone == many[0]
-        assert alone.effects == many[0].effects
-    if one.once:
-        acting = with_effect(trials[0], one, one.extreme(), relative_order=0.7, session="b", seed=3)
-        with pytest.raises(SimulationError, match="acts already"):
-            with_effect(acting, one, one.extreme(), relative_order=0.7, session="b", seed=3)
-
-
 def test_a_sprung_scene_is_one_under_all_motions(trials: list[Trial]) -> None:
     assert len({trial.motion.sha256 for trial in trials}) > 1
     pitching = [
@@ -137,6 +119,39 @@ def test_a_trials_motion_goes_with_the_trial(trials: list[Trial]) -> None:
         assert trial.motion != repeated[i].motion
         del trial
     assert len({id(one) for one in alive}) == len(repeated) - 1
+
+
+def test_what_a_trial_alone_has_is_not_kept_though_its_motion_is_common(
+    trials: list[Trial],
+) -> None:
+    repeated = [replace(trials[0], name=str(i)) for i in range(6)]
+    gains = ByTrial({i: {"change": 0.01 * (i + 1)} for i in range(6)})
+    filtered = effect("input_filter").extreme()
+    given = [(effect("input_filter"), filtered), (effect("table_gain"), gains)]
+    alive: list[weakref.ref[Motion]] = []
+    for i, trial in each_with_effects(repeated, given):
+        assert not any(one() for one in alive)
+        alive.append(weakref.ref(trial.motion))
+        (alone,) = with_effects(
+            [repeated[i]], [given[0], (effect("table_gain"), {"change": 0.01 * (i + 1)})]
+        )
+        assert trial.motion == alone.motion
+        del trial, alone
+
+
+def test_every_effect_may_have_a_seed_of_its_own(trials: list[Trial]) -> None:
+    placed = (effect("placement"), effect("placement").complete({"yaw": 5.0}))
+
+    def yaws(seed: object, index: int = 0) -> list[float]:
+        made = with_effects(trials, [placed, placed], seed=seed)
+        return [dict(trial.effects[index].values)["yaw"] for trial in made]
+
+    assert yaws([1, 2], 0) == yaws(1, 0)
+    assert yaws([1, 2], 1) == yaws(2, 1) != yaws(1, 1)
+    # One of each trial: those of equal seeds draw alike, wherever they stand.
+    of_each = dict(enumerate([7, 7, 8, 9, 10, 11][: len(trials)]))
+    drawn = yaws([of_each, 0])
+    assert drawn[0] == drawn[1] != drawn[2]
 
 
 def test_order_of_application_is_that_of_the_list() -> None:

@@ -20,7 +20,7 @@ from vsr2.diagnosis.simulated.scene_simulator import (
 from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import each_with_effects, effect, in_order
 from vsr2.effects.actuation import InputFilter, TableGain
-from vsr2.effects.apply import ByTrial, MadeEarlier
+from vsr2.effects.apply import MadeEarlier, Sought
 from vsr2.effects.geometry import EdgeRounding
 from vsr2.effects.rounding import _PAIRS, _touching
 from vsr2.trial import Trial
@@ -68,7 +68,7 @@ def trials(simulator: SceneSimulator) -> list[Trial]:
 def given(gains: dict[int, float]):
     """All effects of `NAMES` at the far ends of their priors, but the gain."""
     acting = in_order({name: effect(name) for name in NAMES})
-    gained = ByTrial({i: {"change": gain} for i, gain in gains.items()})
+    gained = Sought({i: {"change": gain} for i, gain in gains.items()})
     return [(one, gained if one.name == "table_gain" else one.extreme()) for one in acting]
 
 

@@ -250,13 +250,12 @@ class Evaluator:
         )
 
     def _drawn(self, study: Study, trials: list[Trial], replicate: int) -> list[Trial]:
-        """With the study's effects, and nuisances on top, as a simulated campaign has them."""
-        own = SceneEffects(study, self._order, self._sessions)
-        fixed, every = own.fixed(trials), range(len(trials))
-        first = own.drawn(fixed, [study.seed, 0, 0], [0])[0]
-        nominal = own.drawn(fixed, [study.seed, replicate, 1], every)
-        placed = self._draws.with_own(nominal, replicate, 1, every)
-        made = dict(self._draws.applied(placed, first, replicate, 1, every))
+        """With the study's effects and nuisances, as a simulated campaign has them."""
+        own, every = SceneEffects(study), range(len(trials))
+        nominal = own.drawn_by([study.seed, 0, 0])
+        ((_, first),) = self._draws.applied(trials, trials[0], 0, 0, [0], nominal)
+        drawn = own.drawn_by([study.seed, replicate, 1])
+        made = dict(self._draws.applied(trials, first, replicate, 1, every, drawn))
         return [made[i] for i in every]
 
     def _driven(self, study: Study) -> dict[str, Motion]:

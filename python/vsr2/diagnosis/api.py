@@ -19,9 +19,10 @@ from vsr2.diagnosis.pipeline import Question, Report, diagnose_with
 from vsr2.diagnosis.protocol_cache import ProtocolCache
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
 from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
-from vsr2.diagnosis.verdict.document import Diagnosis
+from vsr2.diagnosis.verdict.document import FILE, Diagnosis
 from vsr2.effects import check_study_effects
 from vsr2.errors import DiagnosisError
+from vsr2.results import refuse_other_work
 
 if TYPE_CHECKING:
     import distributed
@@ -76,7 +77,8 @@ def diagnose(
         tier: information to use: B outcomes, M largest tilts too, T series too; None: all that the
             campaign shares.
         out: folder for `diagnosis.json` (without sentences), tables, the corrected scene,
-            simulations and the trained posterior, which later runs reuse; None: nothing is written.
+            simulations and the trained posterior, which later runs of the same scene and campaign
+            reuse; None: nothing is written.
         budget: wall or processor time, judging included, or numbers of simulations or of simulated
             campaigns; equal numbers of campaigns give equal verdicts.
         hypotheses: effects that may be the cause, and what is uncertain about the set-up.
@@ -88,6 +90,7 @@ def diagnose(
 
     Raises:
         DiagnosisError: the campaign holds too little, or an option cannot be used.
+        ResultError: `out` holds a diagnosis of another scene, campaign or seed.
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
     """
@@ -103,6 +106,9 @@ def diagnose(
     seen = observe_campaign(given, tier)
     simulator = scene_simulator(seen, study, hypotheses, execution, seed)
     folder = None if out is None else made_folder(Path(out))
+    if folder is not None:
+        identity = ("provenance", "simulator"), simulator.identity
+        refuse_other_work(folder / FILE, *identity, "a diagnosis")
     if execution.cache is not None:
         made_folder(execution.cache.folder)
     found = diagnose_with(

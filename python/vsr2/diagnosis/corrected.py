@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 import warnings
 from collections.abc import Mapping, Sequence
-from itertools import pairwise, product
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -94,7 +94,6 @@ def with_effects_on_top(study: Study, added: Mapping[str, Mapping[str, float]]) 
     with warnings.catch_warnings():
         # Whoever simulates the scene is warned.
         warnings.simplefilter("ignore", EffectRangeWarning)
-        _turn_rock(out, added.get("registration", {}).get("yaw", 0.0))
         for name, values in added.items():
             one = effect(name)
             own = one.accept(out[name]) if name in out else one.null()
@@ -102,27 +101,6 @@ def with_effects_on_top(study: Study, added: Mapping[str, Mapping[str, float]]) 
         out = {name: own for name, own in out.items() if own}
         check_study_effects(out, study.name)
     return out
-
-
-def _turn_rock(out: dict[str, dict[str, Any]], turn: float) -> None:
-    """Turn with the specimen, by degrees, what the scene states of it along the table's axes.
-
-    In a study the turn comes before what else is on the rock. The turn's own lean is part of
-    :meth:`vsr2.effects.Effect.twice`.
-    """
-    for name in out.keys() - {"registration"}:
-        one = effect(name)
-        own = one.accept(out[name])
-        steps = [(f"{part.name}_", part) for part, _ in one.acting_parts(own)]
-        turned = [
-            (prefix + parameter.name, turn_of(parameter))
-            for prefix, part in (steps if one.parts else [("", one)])
-            for size, parameter in pairwise(part.parameters)
-            if parameter.turns and not size.is_null(own[prefix + size.name])
-        ]
-        if turned:
-            own |= {key: (own[key] + turn) % full for key, full in turned}
-            out[name] = _stated(one, own)
 
 
 def scene_with(study: Study, added: Mapping[str, Mapping[str, float]]) -> Study:

@@ -188,7 +188,7 @@ def iterate(
     ended = Ended.MOST_ROUNDS
     while len(rounds) < most:
         below = folder / f"round_{len(rounds) + 1}"
-        rounds.append(_round(given, study, below, finished, asked))
+        rounds.append(_round(given, study, below, finished, asked, first=not rounds))
         corrected = corrected_study(rounds[-1].found, study)
         if corrected is None:
             named = rounds[-1].found.content["corrected"] is not None
@@ -210,12 +210,17 @@ def _round(
     folder: Path,
     finished: Callable[[Diagnosis, Study, Path], object],
     asked: Asked,
+    *,
+    first: bool,
 ) -> Round:
     """A diagnosis, or what an earlier run finished of the same."""
     digest = _digest(campaign, study, asked)
     known = _finished(folder, study, digest)
     if known is not None:
         return Round(folder, study, known)
+    if not first:
+        # The rounds before may have named other effects: then it is of another scene.
+        (folder / FILE).unlink(missing_ok=True)
     found = diagnose(campaign, study, out=folder, **vars(asked))
     finished(found, study, folder)
     # Last of all, so that what counts as finished is.

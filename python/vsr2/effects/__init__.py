@@ -1,6 +1,6 @@
 """Effects that a simulation may lack: the library, and how users add their own."""
 
-from vsr2.effects.apply import apply_effects, each_with_effects, with_effect, with_effects
+from vsr2.effects.apply import apply_effects, each_with_effects, with_effects
 from vsr2.effects.effect import STAGES, Bench, Check, Circumstances, Effect, Response
 from vsr2.effects.parameter import EffectRangeWarning, EffectWarning, Parameter
 from vsr2.effects.registry import (
@@ -32,6 +32,5 @@ __all__ = [
     "library",
     "module_effects",
     "register",
-    "with_effect",
     "with_effects",
 ]

@@ -4,11 +4,12 @@ from __future__ import annotations
 
 import warnings
 import zlib
+from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from functools import partial
+from functools import cached_property, partial
 from operator import itemgetter
-from typing import TypeAlias, TypeVar
+from typing import NamedTuple, TypeAlias, TypeVar
 
 import numpy as np
 
@@ -39,15 +40,21 @@ class ByTrial(dict[int, Mapping[str, float]]):
     """Complete values of an effect by the trial's index; it does not act in the other trials."""
 
 
+class Sought(ByTrial):
+    """Values that differ from one call to the next, as where a margin is sought."""
+
+
 Values = Mapping[str, float] | ByTrial
+Seed = int | Mapping[int, int]
+"""Of what an effect draws: one for all trials, or one for each by its index."""
 
 
 class MadeEarlier:
     """What effects made of the trials of one scene, for later calls that ask for it again.
 
-    Between calls nothing may differ but the trials that are wanted and the values of effects with
-    values by trial. What was made of scene and start stays; so does what was made of a motion
-    before the first of these effects, for the trials asked for last.
+    Between calls nothing may differ but the trials that are wanted and values that are sought. What
+    was made of scene and start stays; so does what was made of a motion before the first effect
+    with such values, for the trials asked for last.
 
     Args:
         most: trials whose motions are kept.
@@ -133,39 +140,21 @@ def with_effects(
     *,
     relative_order: Sequence[float] | None = None,
     sessions: Sequence[str] | None = None,
-    seed: int = 0,
+    seed: int | Sequence[Seed] = 0,
 ) -> list[Trial]:
-    """As :func:`apply_effects`, with effects at hand, in order, and complete values, unchecked."""
+    """As :func:`apply_effects`, with effects at hand, in order, and complete values, unchecked.
+
+    Args:
+        trials: as there.
+        effects: in order, with complete values.
+        relative_order: as there.
+        sessions: as there.
+        seed: as there, or of each effect its own.
+    """
     made = each_with_effects(
         trials, effects, relative_order=relative_order, sessions=sessions, seed=seed
     )
     return [trial for _, trial in sorted(made, key=itemgetter(0))]
-
-
-def with_effect(
-    trial: Trial,
-    one: Effect,
-    values: Mapping[str, float],
-    *,
-    relative_order: float,
-    session: str,
-    seed: int,
-) -> Trial:
-    """As :func:`with_effects` of one trial and one effect, without the care for what many share."""
-    here = values
-    if type(one).at is not Effect.at:
-        sessions = (session,)
-        here = one.at(
-            values, Circumstances(relative_order, session, sessions, _drawing(one, seed, 0))
-        )
-    own = _in_force(one, values, here)
-    if own is None:
-        return trial
-    _assert_once(trial, [own])
-    made = trial
-    for hook in _hooks([(one, {0: own})]):
-        made = _made(made, hook, hook.values[0]) if hook.values else made
-    return trial.with_parts(made, made, (*trial.effects, own))
 
 
 def each_with_effects(
@@ -174,7 +163,7 @@ def each_with_effects(
     *,
     relative_order: Sequence[float] | None = None,
     sessions: Sequence[str] | None = None,
-    seed: int = 0,
+    seed: int | Sequence[Seed] = 0,
     only: Collection[int] | None = None,
     made: MadeEarlier | None = None,
 ) -> Iterator[tuple[int, Trial]]:
@@ -188,7 +177,7 @@ def each_with_effects(
         effects: in order, with complete values, those of all trials or those of each.
         relative_order: as of :func:`apply_effects`.
         sessions: likewise.
-        seed: likewise.
+        seed: likewise, or of each effect its own.
         only: indices of those that are made; the others have their part in order, sessions and
             draws. None: all.
         made: by earlier calls; None: nothing.
@@ -207,31 +196,54 @@ def each_with_effects(
     in_time = sorted(range(count), key=lambda i: order[i])
     order_of_sessions = tuple(dict.fromkeys(held[i] for i in in_time))
     wanted = range(count) if only is None else sorted(only)
+    seeds = [seed] * len(effects) if isinstance(seed, int) else seed
 
-    def applied(one: Effect, values: Values) -> dict[int, Applied]:
+    def applied(one: Effect, values: Values, seed: Seed) -> dict[int, Applied]:
         """The effect where it acts, by the trial's index; equal ones are one object."""
-        if type(one).at is Effect.at and not isinstance(values, ByTrial):
+        plain = type(one).at is Effect.at
+        if plain and not isinstance(values, ByTrial):
             same = _in_force(one, values, values)
             return {} if same is None else dict.fromkeys(wanted, same)
         given = values if isinstance(values, ByTrial) else dict.fromkeys(wanted, values)
         known, found = dict[tuple[object, bytes], Applied](), {}
         for i in (i for i in wanted if i in given):
-            here = Circumstances(order[i], held[i], order_of_sessions, _drawing(one, seed, i))
-            own = _in_force(one, given[i], one.at(given[i], here))
+            here = given[i]
+            if not plain:
+                rng = _drawing(one, seed, i)
+                here = one.at(here, Circumstances(order[i], held[i], order_of_sessions, rng))
+            own = _in_force(one, given[i], here)
             if own is not None:
                 found[i] = known.setdefault((own.given, own.bits), own)
         return found
 
-    acting = [(one, applied(one, values)) for one, values in effects]
-    if any(one.once or any(part.once for part in one.parts) for one, _ in acting):
+    acting = [
+        _Acting(one, applied(one, values, own), isinstance(values, Sought))
+        for (one, values), own in zip(effects, seeds, strict=True)
+    ]
+    if any(one.once or any(part.once for part in one.parts) for one, *_ in acting):
         for i in wanted:
-            _assert_once(trials[i], [where[i] for _, where in acting if i in where])
-    by_trial = frozenset(one.name for one, values in effects if isinstance(values, ByTrial))
-    yield from _changed(trials, acting, wanted, made or MadeEarlier(), by_trial)
+            _assert_once(trials[i], [where[i] for _, where, _ in acting if i in where])
+    yield from _changed(trials, acting, wanted, made or MadeEarlier())
 
 
-def _drawing(one: Effect, seed: int, index: int) -> np.random.Generator:
+class _Acting(NamedTuple):
+    """An effect where it acts.
+
+    Attributes:
+        effect: whichever.
+        where: with its values in force, by the trial's index.
+        sought: whether its values differ from one call to the next.
+    """
+
+    effect: Effect
+    where: Mapping[int, Applied]
+    sought: bool
+
+
+def _drawing(one: Effect, seed: Seed, index: int) -> np.random.Generator:
     """For what an effect draws in the trial of an index."""
+    if not isinstance(seed, int):
+        seed, index = seed[index], 0
     key = (index, zlib.crc32(one.name.encode()))
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))
 
@@ -283,10 +295,9 @@ _ALL_ELSE = ("scene", "start", "outcome", "settling")
 
 def _changed(
     trials: Sequence[Trial],
-    effects: Sequence[tuple[Effect, Mapping[int, Applied]]],
+    effects: Sequence[_Acting],
     wanted: Sequence[int],
     made: MadeEarlier,
-    by_trial: frozenset[str],
 ) -> Iterator[tuple[int, Trial]]:
     """The wanted trials with effects in them; what equal trials share is made once.
 
@@ -297,7 +308,7 @@ def _changed(
     rest = {i: standing.of(trials[i]) for i in wanted}
     moved = {i: moving.of(trials[i]) for i in wanted}
     acting: dict[int, list[Applied]] = {i: [] for i in wanted}
-    for _, where in effects:
+    for _, where, _ in effects:
         for i, applied in where.items():
             acting[i].append(applied)
     hooks = _hooks(effects)
@@ -306,7 +317,7 @@ def _changed(
             for i, values in hook.values.items():
                 rest[i] = standing.of(made.standing(rest[i], hook, values))
     seeing = [hook for hook in hooks if hook.effect.stage not in _BEFORE_MOTION]
-    alike = next((k for k, hook in enumerate(seeing) if hook.effect.name in by_trial), 0)
+    alike = next((k for k, hook in enumerate(seeing) if hook.sought), 0)
     together: dict[int, list[int]] = {}
     for i in wanted:
         together.setdefault(id(moved[i]), []).append(i)
@@ -397,6 +408,7 @@ class _UnderMotion:
         def joined() -> Trial:
             return trial.with_parts(rest, moved, (*trial.effects, *acting))
 
+        alone = False
         for hook in hooks:
             values = hook.values.get(index)
             if values is None:
@@ -404,6 +416,10 @@ class _UnderMotion:
             if hook.each:
                 # Under the motion that it had, which is in memory anyway.
                 rest = self._each.made(hook, trial.with_parts(rest, trial, trial.effects), index)
+                continue
+            alone = alone or hook.holders[id(values)] == 1
+            if alone:  # No other trial will ask for it, so it is not kept.
+                rest = moved = _made(joined(), hook, values)
                 continue
             key = id(values), id(rest), id(moved)
             if key not in self._made:
@@ -421,12 +437,19 @@ class _Hook:
     Attributes:
         effect: whose `change` it is.
         values: by the trial's index; equal ones are one object.
+        sought: whether its values differ from one call to the next.
         composite: the effect of which it is a part; None: of none.
     """
 
     effect: Effect
     values: Mapping[int, dict[str, float]]
+    sought: bool
     composite: Effect | None = None
+
+    @cached_property
+    def holders(self) -> Counter[int]:
+        """Number of trials that hold the same values, by their identity."""
+        return Counter(map(id, self.values.values()))
 
     @property
     def each(self) -> bool:
@@ -446,21 +469,22 @@ class _Hook:
         return f"{self.key}.{self.effect.name}_{own.removeprefix(before)}"
 
 
-def _hooks(effects: Sequence[tuple[Effect, Mapping[int, Applied]]]) -> list[_Hook]:
+def _hooks(effects: Sequence[_Acting]) -> list[_Hook]:
     """Of all effects, and of the parts of those with some, in the order of application.
 
     A part comes after the effect of its name: a step acts on top of what acts in all trials.
     """
     found = []
-    for one, where in effects:
+    for one, where, sought in effects:
         known = {id(applied): dict(applied.values) for applied in where.values()}
         if one.parts:
             acting = {key: dict(one.acting_parts(values)) for key, values in known.items()}
             for part in one.parts:
                 own = {i: acting[id(a)][part] for i, a in where.items() if part in acting[id(a)]}
-                found.append(_Hook(part, own, one))
+                found.append(_Hook(part, own, sought, one))
         elif one.stage != "outcome":
-            found.append(_Hook(one, {i: known[id(applied)] for i, applied in where.items()}))
+            own = {i: known[id(applied)] for i, applied in where.items()}
+            found.append(_Hook(one, own, sought))
     return sorted(found, key=lambda hook: (place(hook.effect), hook.composite is not None))
 
 

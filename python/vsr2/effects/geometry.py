@@ -125,7 +125,7 @@ class ComOffset(Effect):
         Parameter(
             "distance", "m", 0.0, 0.0, 0.015, "uniform", "of the shift in plan", limits=(0.0, 0.2)
         ),
-        replace(AZIMUTH, turns=True),
+        AZIMUTH,
     )
     channels = ("tilt", "yaw")
     confounded_with = ("base_slope",)

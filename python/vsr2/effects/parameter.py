@@ -61,8 +61,6 @@ class Parameter:
         twice: how the value and another on top of it make one: their sum or product, that of
             relative changes (`growth`) or losses, the root of the sum of squares of two
             independent draws (`spread`), the least, the later one. Empty: no value does.
-        turns: a direction on the rock, stated along the table's axes, so that it turns with the
-            rock; the parameter before it is the size.
     """
 
     name: str
@@ -77,7 +75,6 @@ class Parameter:
     choices: tuple[str, ...] = ()
     full_range: bool = False
     twice: Twice = ""
-    turns: bool = False
 
     def __post_init__(self) -> None:
         if self.prior not in get_args(Prior):

@@ -45,7 +45,7 @@ class Registration(Effect):
         Parameter(
             "lean_azimuth", "degree", 0.0, 0.0, 360.0, "uniform",
             "direction of the lean in plan after the turn, anticlockwise from x",
-            limits=(-360.0, 360.0), secondary=True, turns=True,
+            limits=(-360.0, 360.0), secondary=True,
         ),
     )  # fmt: skip
     channels = ("tilt", "yaw", "slip", "rest pose")

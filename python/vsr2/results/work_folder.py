@@ -80,6 +80,6 @@ def refuse_other_work(file: Path, keys: Sequence[str | int], wanted: str, what: 
         return
     if found != wanted:
         raise ResultError(
-            f"{file}: is {what} of another scene, campaign or seed; replace it with "
-            "`--overwrite`, or choose another folder"
+            f"{file}: is {what} of another scene, campaign, seed or version of VSR2; replace it "
+            "with `--overwrite`, or choose another folder"
         )

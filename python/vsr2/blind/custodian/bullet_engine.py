@@ -20,11 +20,11 @@ from vsr2.config.study import BoxRock, YawStart
 from vsr2.effects import (
     Effect,
     EffectRangeWarning,
-    apply_effects,
     chosen,
     library,
     with_effects,
 )
+from vsr2.effects.registry import place
 from vsr2.errors import BlindError, SimulationError
 from vsr2.motion import Record, build_recorded_motion
 from vsr2.results import TrialLog
@@ -58,8 +58,8 @@ _SCENE_EFFECTS = 1
 class BulletEngine:
     """Trials of a study on the native core; effects are those of `vsr2.effects`.
 
-    The study's own effects act in every trial, before those that are drawn. Nuisances scale the
-    block's edges, the energy that its impacts leave and its friction.
+    The study's own effects act in every trial, in one order of application with those that are
+    drawn. Nuisances scale the block's edges, the energy that its impacts leave and its friction.
 
     Raises:
         BlindError: the rock is no block on `mode: yaw`.
@@ -98,7 +98,8 @@ class BulletEngine:
     def effects(self) -> Mapping[str, Drawable]:
         """The library's, but those that this scene cannot have, or has and cannot have twice."""
         step = self._study.engine.time_step
-        trial = self._trials([TrialInput(step, np.zeros(100))], Nuisances(), step)[0]
+        inputs = [TrialInput(step, np.zeros(100))]
+        (trial,) = self._with_effects(self._trials(inputs, Nuisances(), step), inputs, {})
         # What comes in over a campaign does not act in its first trial.
         acting = {
             own.name
@@ -143,19 +144,11 @@ class BulletEngine:
         first = ordered[0]
         trials = self._trials(ordered, first.nuisances, series_interval)
         acting = {name: dict(values) for name, values in first.effects.items()}
+        nominal = self._with_effects(trials[:1], ordered[:1], {})[0]
         # Relative to Housner's, which the contact's own impacts keep within 1 %.
-        impact = acting.setdefault("restitution", library()["restitution"].nominal(trials[0]))
+        impact = acting.setdefault("restitution", library()["restitution"].nominal(nominal))
         impact["energy_ratio"] *= first.nuisances.energy_ratio
-        with warnings.catch_warnings():
-            # A drawn ratio at the end of its prior, times a nuisance, may lie beyond.
-            warnings.simplefilter("ignore", EffectRangeWarning)
-            trials = apply_effects(
-                trials,
-                acting,
-                relative_order=[one.context.order for one in ordered],
-                sessions=[f"{one.context.session}" for one in ordered],
-                seed=first.context.campaign_seed,
-            )
+        trials = self._with_effects(trials, ordered, acting)
         logs: dict[int, TrialLog] = {}
 
         def keep(index: int, log: TrialLog | None) -> None:
@@ -184,7 +177,7 @@ class BulletEngine:
         outcome = self._study.outcome
         stop = max(BULLET_ENGINE.stop, outcome.overturned_tilt)
         outcome = outcome.model_copy(update={"overturned_tilt": stop})
-        trials = [
+        return [
             Trial(
                 scene=scene,
                 motion=build_recorded_motion(
@@ -198,13 +191,28 @@ class BulletEngine:
             )
             for i, one in enumerate(inputs)
         ]
-        draws = np.random.SeedSequence([inputs[0].context.campaign_seed, _SCENE_EFFECTS])
+
+    def _with_effects(
+        self,
+        trials: Sequence[Trial],
+        inputs: Sequence[TrialInput],
+        drawn: Mapping[str, Mapping[str, float]],
+    ) -> list[Trial]:
+        """Trials with the study's effects and drawn ones, in one order of application."""
+        seed = inputs[0].context.campaign_seed
+        own_seed = np.random.SeedSequence([seed, _SCENE_EFFECTS]).generate_state(1)[0]
+        with warnings.catch_warnings():
+            # A drawn ratio at the end of its prior, times a nuisance, may lie beyond.
+            warnings.simplefilter("ignore", EffectRangeWarning)
+            given = [(own, int(own_seed)) for own in chosen(self._study.effects)]
+            given += [(one, seed) for one in chosen(drawn)]
+        given.sort(key=lambda pair: place(pair[0][0]))
         return with_effects(
             trials,
-            chosen(self._study.effects),
+            [pair for pair, _ in given],
             relative_order=[one.context.order for one in inputs],
             sessions=[f"{one.context.session}" for one in inputs],
-            seed=int(draws.generate_state(1)[0]),
+            seed=[seed for _, seed in given],
         )
 
     def _start(self, scene: Scene, one: TrialInput) -> Pose:

@@ -21,9 +21,8 @@ from vsr2.diagnosis.simulated.library import (
     two_sided,
     value_at,
 )
-from vsr2.diagnosis.simulated.scene_effects import draws_by_trial
 from vsr2.diagnosis.simulated.simulator import Effects
-from vsr2.effects import Effect, Parameter
+from vsr2.effects import Circumstances, Effect, Parameter
 from vsr2.effects.order import StepEffect
 
 Array = NDArray[np.float64]
@@ -45,9 +44,18 @@ def not_judged(effect: Effect) -> NotJudged | None:
     """Why margins do not show an effect; None: they do."""
     if effect.stage == "outcome":
         return NotJudged.NOTED_ALONE
-    if draws_by_trial(effect, effect.extreme(), [0.0, 1.0], ["1", "1"]):
+    if _draws(effect):
         return NotJudged.DIFFERS_BY_TRIAL
     return None
+
+
+def _draws(effect: Effect) -> bool:
+    """Whether chance has a part in what an effect does in the first or the last trial."""
+    rng = np.random.default_rng(0)
+    before = rng.bit_generator.state
+    for order in (0.0, 1.0):
+        effect.at(effect.extreme(), Circumstances(order, "1", ("1",), rng))
+    return bool(rng.bit_generator.state != before)
 
 
 @dataclass(frozen=True)

@@ -2,19 +2,36 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.diagnosis.simulated.nuisances import DrawnByEffect, Nuisance, Scope, correlated
 from vsr2.diagnosis.simulated.simulator import nuisance_normal
-from vsr2.effects import Effect, each_with_effects, in_order, with_effect
-from vsr2.effects.apply import ByTrial, MadeEarlier, Values
+from vsr2.effects import Effect, each_with_effects
+from vsr2.effects.apply import ByTrial, MadeEarlier, Seed, Values
+from vsr2.effects.registry import place
 from vsr2.trial import Trial
 
 Array = NDArray[np.float64]
-Given = tuple[Effect, Values]
+Caused = tuple[Effect, Values]
+"""What is hypothesised, with complete values."""
+
+
+class Given(NamedTuple):
+    """An effect that acts in a simulated campaign.
+
+    Attributes:
+        effect: whichever.
+        values: complete.
+        seed: of what it draws.
+    """
+
+    effect: Effect
+    values: Values
+    seed: Seed
 
 
 class NuisanceDraws:
@@ -69,32 +86,41 @@ class NuisanceDraws:
         nuisance: int,
         replicate: int,
         wanted: Collection[int],
-        caused: Sequence[Given] = (),
+        own: Sequence[Given] = (),
+        caused: Sequence[Caused] = (),
         made: MadeEarlier | None = None,
     ) -> Iterator[tuple[int, Trial]]:
-        """The wanted trials with what acts in all of them: nuisances, and given effects.
+        """The wanted trials with effects in them, all in one order of application.
 
-        They come one after another, with their indices, and are not kept. What an effect draws
-        belongs to the trial's position in the campaign; trials that are not wanted keep theirs
-        without work.
+        Of one effect the scene's own comes first, then nuisances, those of a motion and a trial
+        last, then what is hypothesised. The trials come one after another, with their indices, and
+        are not kept. What an effect draws belongs to the trial's position in the campaign; trials
+        that are not wanted keep theirs without work.
 
         Args:
-            trials: of the campaign, by :meth:`with_own`.
+            trials: of the campaign, without effects.
             first: nominal, of which relative nuisances take the value that they multiply.
             nuisance: index of the draw; 0: none.
             replicate: of what belongs to single trials; 0 and below: nothing is drawn.
             wanted: indices of trials.
-            caused: effects with complete values, those of all trials or those of each.
+            own: the scene's.
+            caused: hypothesised effects with complete values, those of all trials or of each.
             made: as of :func:`each_with_effects`.
         """
         parts = [self._seed, nuisance, abs(replicate), replicate < 0]
         seed = int(np.random.SeedSequence(parts).generate_state(1, np.uint64)[0])
-        given = self._acting(first, nuisance, replicate, caused)
-        ranks = {e.name: i for i, e in enumerate(in_order({e.name: e for e, _ in given}))}
-        given.sort(key=lambda pair: ranks[pair[0].name])
+        wide, caused = self._acting(first, nuisance, replicate, caused)
+        given = [
+            *own,
+            *(Given(*one, seed) for one in wide),
+            *self._of_motions_and_trials(nuisance, replicate, wanted),
+            *(Given(*one, seed) for one in caused),
+        ]
+        given.sort(key=lambda one: place(one.effect))
         return each_with_effects(
-            trials, given, relative_order=self._order, sessions=self._sessions, seed=seed,
-            only=wanted, made=made,
+            trials, [(one.effect, one.values) for one in given],
+            relative_order=self._order, sessions=self._sessions,
+            seed=[one.seed for one in given], only=wanted, made=made,
         )  # fmt: skip
 
     def _acting(
@@ -102,9 +128,9 @@ class NuisanceDraws:
         first: Trial,
         nuisance: int,
         replicate: int,
-        caused: Sequence[Given],
-    ) -> list[Given]:
-        """Nuisances, then the given effects, which relative nuisances multiply."""
+        caused: Sequence[Caused],
+    ) -> tuple[list[Caused], list[Caused]]:
+        """Nuisances of the campaign, and the given effects, which relative nuisances multiply."""
         drawn: list[tuple[Nuisance, float]] = []
         if nuisance:
             draws = correlated(self._wide, self.draw(nuisance))
@@ -112,12 +138,12 @@ class NuisanceDraws:
         if replicate > 0:
             drawn += [(one, 0.0) for one in self._by_effect]
         causes: dict[str, list[dict[str, float]]] = {}
-        given: list[Given] = []
+        given: list[Caused] = []
         for effect, values in caused:
             own = values if isinstance(values, ByTrial) else {0: values}
             copied = {i: dict(one) for i, one in own.items()}
             causes[effect.name] = list(copied.values())
-            given.append((effect, ByTrial(copied) if own is values else copied[0]))
+            given.append((effect, type(values)(copied) if own is values else copied[0]))
         acting: dict[str, tuple[Effect, dict[str, float]]] = {}
         for one, z in drawn:
             effect, values = one.acting, one.values(z)
@@ -128,40 +154,29 @@ class NuisanceDraws:
             if one.relative:
                 values[one.parameter] *= effect.nominal(first)[one.parameter]
             acting.setdefault(effect.name, (effect, {}))[1].update(values)
-        return [(effect, effect.complete(values)) for effect, values in acting.values()] + given
+        return [(effect, effect.complete(values)) for effect, values in acting.values()], given
 
-    def with_own(
-        self, trials: Sequence[Trial], nuisance: int, replicate: int, wanted: Collection[int]
-    ) -> list[Trial]:
-        """The trials, the wanted ones with values that belong to their motion or to them alone.
+    def _of_motions_and_trials(
+        self, nuisance: int, replicate: int, wanted: Collection[int]
+    ) -> Iterator[Given]:
+        """Nuisances that each motion, then those that each trial has values of its own of."""
+        if nuisance:
+            numbers = {i: (3, self._motion[i], nuisance, 0) for i in wanted}
+            yield from self._by_trial(Scope.MOTION, numbers)
+        if replicate > 0:
+            yield from self._by_trial(Scope.TRIAL, {i: (1, i, nuisance, replicate) for i in wanted})
 
-        Args:
-            trials: of the campaign.
-            nuisance: index of the draw; 0: motions have none.
-            replicate: of what belongs to single trials; 0 and below: nothing is drawn.
-            wanted: indices of trials.
-        """
-        out = list(trials)
-        for i in wanted if nuisance else ():
-            self._draw_own(out, i, Scope.MOTION, [3, self._motion[i], nuisance, 0])
-        for i in wanted if replicate > 0 else ():
-            self._draw_own(out, i, Scope.TRIAL, [1, i, nuisance, replicate])
-        return out
-
-    def _draw_own(self, trials: list[Trial], i: int, scope: Scope, counter: list[int]) -> None:
-        """Put nuisances of a scope, drawn from a counter, into a trial."""
+    def _by_trial(
+        self, scope: Scope, numbers: Mapping[int, tuple[int, int, int, int]]
+    ) -> Iterator[Given]:
+        """Nuisances of a scope, each trial's drawn by its numbers."""
         own = self._own[scope]
-        if not own:
-            return
-        rng = np.random.Generator(np.random.Philox(key=self._seed, counter=counter))
-        draws = correlated(own, rng.standard_normal(len(own)))
-        for one, z in zip(own, draws.tolist(), strict=True):
-            effect = one.acting
-            trials[i] = with_effect(
-                trials[i],
-                effect,
-                effect.complete(one.values(z)),
-                relative_order=self._order[i],
-                session=str(self._sessions[i]),
-                seed=int(rng.integers(2**63)),
-            )
+        values, seeds = [ByTrial() for _ in own], [dict[int, int]() for _ in own]
+        for i, counter in numbers.items() if own else ():
+            rng = np.random.Generator(np.random.Philox(key=self._seed, counter=counter))
+            draws = correlated(own, rng.standard_normal(len(own)))
+            for k, (one, z) in enumerate(zip(own, draws.tolist(), strict=True)):
+                values[k][i] = one.acting.complete(one.values(z))
+                seeds[k][i] = int(rng.integers(2**63))
+        for one, by_trial, seed in zip(own, values, seeds, strict=True):
+            yield Given(one.acting, by_trial, seed)

@@ -24,7 +24,7 @@ from vsr2.diagnosis.observed.features import (
 )
 from vsr2.diagnosis.observed.observations import series_sampling
 from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.nuisance_draws import Given, NuisanceDraws
+from vsr2.diagnosis.simulated.nuisance_draws import Caused, NuisanceDraws
 from vsr2.diagnosis.simulated.scene_effects import SceneEffects
 from vsr2.diagnosis.simulated.simulator import (
     FINE_SOLVER,
@@ -36,7 +36,7 @@ from vsr2.diagnosis.simulated.simulator import (
     Responses,
 )
 from vsr2.effects import Effect, in_order, with_effects
-from vsr2.effects.apply import ByTrial, MadeEarlier, sees_motion
+from vsr2.effects.apply import MadeEarlier, Sought, sees_motion
 from vsr2.effects.own_code import own_code
 from vsr2.errors import DiagnosisError, GeometryError, Vsr2Error
 from vsr2.motion import Motion, Record, build_recorded_motion
@@ -122,11 +122,11 @@ class SceneSimulator:
         self._draws = NuisanceDraws(self.nuisances, self._order, self._sessions, motions, seed)
         self._earlier: dict[_Scene, MadeEarlier] = {}
         self.nuisance_names = self._draws.names
-        self._own_effects = SceneEffects(study, self._order, self._sessions)
+        self._own_effects = SceneEffects(study)
         self._own_effects.check(self.nuisances)
         every = range(len(campaign.trials))
-        made = _base_trials(campaign, study, self._row, every)
-        self._trials = self._own_effects.fixed([made[i] for i in every])
+        base = _base_trials(campaign, study, self._row, every)
+        self._trials = [base[i] for i in every]
         moved = any(one.displacement is not None for one in campaign.motions.values())
         if moved and campaign.noise.displacement and not isinstance(study.motion, OF_RECORDS):
             _logger.warning(
@@ -136,15 +136,14 @@ class SceneSimulator:
                 study.name,
                 Filter(),
             )
-        self._first = self._nominal(0, 0, {0})[0]
+        nominal = self._nominal()
+        self._first = nominal[0]
         self.excluded = tuple(sorted(hypotheses.exclude))
         self.unavailable: dict[str, Vsr2Error] = {}
         self.library: dict[str, Effect] = {}
-        # With what is drawn for each trial, after which a record may no longer tell the motion.
-        drawn = self._perturbed(1, 1, {0})[0]
         for closed in in_order(offered):
-            effect = closed.opened([*self._trials, drawn])
-            error = self._refusal(effect)
+            effect = closed.opened(nominal)
+            error = _refusal(effect, nominal)
             if error is None:
                 self.library[effect.name] = effect.with_null(effect.nominal(self._first))
             else:
@@ -169,30 +168,10 @@ class SceneSimulator:
                 study.settling.model_dump_json(),
                 study.outcome.model_dump_json(),
                 study.motion.drive,
-                *self._own_effects.content,
+                self._own_effects.content,
             )
         )
         return hashlib.sha256(content.encode()).hexdigest()
-
-    def _refusal(self, effect: Effect) -> Vsr2Error | None:
-        from vsr2.simulation import check_trials
-
-        def acting(trial: Trial) -> tuple[str, ...]:
-            return tuple(applied.effect.name for applied in trial.effects)
-
-        # What comes in over the campaign acts in later trials.
-        others = {acting(trial): trial for trial in self._trials}
-        others.pop(acting(self._first), None)
-        tried = [self._first, *others.values()]
-        try:
-            trials = with_effects(
-                tried, [(effect, effect.extreme())],
-                relative_order=[1.0] * len(tried), sessions=["1"] * len(tried),
-            )  # fmt: skip
-            check_trials(trials)
-        except Vsr2Error as error:
-            return error
-        return None
 
     def nuisance_draw(self, index: int) -> Array:
         """Standardised nuisances of a draw."""
@@ -282,13 +261,23 @@ class SceneSimulator:
 
     def _built(self, scene: _Scene, members: Mapping[int, _Member]) -> Iterator[tuple[int, Trial]]:
         """The wanted trials with nuisances and effects in them, one after another."""
-        caused: list[Given] = [self._given(*one) for one in scene.effects]
+        caused: list[Caused] = [self._given(*one) for one in scene.effects]
         for k, name in enumerate(scene.by_trial):
             own = {i: self._given(*one.effects[k])[1] for i, one in members.items()}
-            caused.append((self.library[name], ByTrial(own)))
-        base = self._perturbed(scene.nuisance, scene.replicate, members)
+            caused.append((self.library[name], Sought(own)))
+        # Variants and shifted starts have the draws of replicate 0: they differ by nothing else.
+        own_effects = self._own_effects.drawn_by(
+            [self._seed, scene.nuisance, max(scene.replicate, 0)]
+        )
         return self._draws.applied(
-            base, self._first, scene.nuisance, scene.replicate, members, caused, self._kept(scene)
+            self._base(scene.replicate, members),
+            self._first,
+            scene.nuisance,
+            scene.replicate,
+            members,
+            own_effects,
+            caused,
+            self._kept(scene),
         )
 
     def _kept(self, scene: _Scene) -> MadeEarlier:
@@ -304,27 +293,27 @@ class SceneSimulator:
         pairs = zip(effect.parameters, numbers, strict=True)
         return effect, {p.name: value for p, value in pairs}
 
-    def _nominal(self, nuisance: int, replicate: int, wanted: Collection[int]) -> list[Trial]:
-        """Trials of the scene with its effects, or of a numerical variant of it.
+    def _nominal(self) -> list[Trial]:
+        """All trials with the scene's effects, without nuisances."""
+        every = range(len(self._trials))
+        own = self._own_effects.drawn_by([self._seed, 0, 0])
+        made = dict(self._draws.applied(self._trials, self._trials[0], 0, 0, every, own))
+        return [made[i] for i in every]
 
-        Variants and shifted starts have the draws of replicate 0, so that they differ by nothing
-        else.
+    def _base(self, replicate: int, wanted: Collection[int]) -> list[Trial]:
+        """Trials without effects: of the study, of a numerical variant of it, or shifted a little.
+
+        Args:
+            replicate: as of :class:`Request`.
+            wanted: indices; other trials come back as they are.
         """
-        trials = self._trials
+        out = list(self._trials)
         if replicate in self.variants:
             # Their motions are as large again, and few trials have a variant: none is kept.
-            study = _variant(self._study, replicate)
-            varied = _base_trials(self._campaign, study, self._row, wanted)
-            plain = [varied.get(i, trial) for i, trial in enumerate(trials)]
-            trials = self._own_effects.fixed(plain, wanted)
-        return self._own_effects.drawn(trials, [self._seed, nuisance, max(replicate, 0)], wanted)
-
-    def _perturbed(self, nuisance: int, replicate: int, wanted: Collection[int]) -> list[Trial]:
-        """Nominal trials with values of their own (replicates above 0) or a tiny shift."""
-        trials = self._nominal(nuisance, replicate, wanted)
-        if replicate in self.variants:
-            return trials
-        out = list(trials)
+            varied = _base_trials(
+                self._campaign, _variant(self._study, replicate), self._row, wanted
+            )
+            return [varied.get(i, trial) for i, trial in enumerate(out)]
         for i in wanted if replicate < 0 else ():
             trial = out[i]
             shift = SIMULATION.least_shift * 10.0 ** ((PERTURBED - replicate) % SIMULATION.shifts)
@@ -332,7 +321,7 @@ class SceneSimulator:
             x, y, z = start.position
             turned = multiply(yaw_quaternion(shift), start.orientation)
             out[i] = replace(trial, start=Pose((x + shift, y + shift, z), turned))
-        return self._draws.with_own(out, nuisance, replicate, wanted)
+        return out
 
 
 class _Scene(NamedTuple):
@@ -360,6 +349,23 @@ class _Member(NamedTuple):
 
     effects: Effects
     requests: list[int]
+
+
+def _refusal(effect: Effect, nominal: Sequence[Trial]) -> Vsr2Error | None:
+    """Why an effect cannot act in the nominal trials of a campaign."""
+    from vsr2.simulation import check_trials
+
+    # What comes in over the campaign acts in later trials.
+    tried = {tuple(own.effect.name for own in trial.effects): trial for trial in reversed(nominal)}
+    try:
+        trials = with_effects(
+            [*tried.values()], [(effect, effect.extreme())],
+            relative_order=[1.0] * len(tried), sessions=["1"] * len(tried),
+        )  # fmt: skip
+        check_trials(trials)
+    except Vsr2Error as error:
+        return error
+    return None
 
 
 def _numbers(request: Request) -> tuple[int, int, int, int]:
