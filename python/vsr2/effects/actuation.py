@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
 from typing import Any, Self
 
@@ -227,7 +227,7 @@ class InputChannel(Effect):
             values["crossover"] = 0.0
         return values
 
-    def opened(self, trials: Sequence[Trial]) -> Self:
+    def opened(self, trials: Iterable[Trial]) -> Self:
         records = [trial.motion.recorded for trial in trials]
         both = all([r is not None and r.record.lacking("fused") is None for r in records])
         found = self.parameter("crossover")

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from copy import copy
 from dataclasses import dataclass, replace
 from types import ModuleType
@@ -265,11 +265,11 @@ class Effect:
         """Values that leave a trial as it is: the null values; the trial's own where one is NaN."""
         return self.null()
 
-    def opened(self, trials: Sequence[Trial]) -> Self:
+    def opened(self, trials: Iterable[Trial]) -> Self:
         """The same effect with priors for what is fixed but in trials of a certain kind.
 
         Args:
-            trials: all of a campaign, without the effect.
+            trials: all of a campaign, without the effect. They are made as they are asked for.
         """
         return self
 

@@ -136,14 +136,17 @@ class SceneSimulator:
                 study.name,
                 Filter(),
             )
-        nominal = self._nominal()
-        self._first = nominal[0]
+        # What comes in over the campaign acts in later trials.
+        kinds: dict[tuple[str, ...], Trial] = {}
+        for trial in self._nominal():
+            kinds.setdefault(tuple(own.effect.name for own in trial.effects), trial)
+        self._first = next(iter(kinds.values()))
         self.excluded = tuple(sorted(hypotheses.exclude))
         self.unavailable: dict[str, Vsr2Error] = {}
         self.library: dict[str, Effect] = {}
         for closed in in_order(offered):
-            effect = closed.opened(nominal)
-            error = _refusal(effect, nominal)
+            effect = closed.opened(self._nominal())
+            error = _refusal(effect, [*kinds.values()])
             if error is None:
                 self.library[effect.name] = effect.with_null(effect.nominal(self._first))
             else:
@@ -293,12 +296,12 @@ class SceneSimulator:
         pairs = zip(effect.parameters, numbers, strict=True)
         return effect, {p.name: value for p, value in pairs}
 
-    def _nominal(self) -> list[Trial]:
-        """All trials with the scene's effects, without nuisances."""
+    def _nominal(self) -> Iterator[Trial]:
+        """All trials with the scene's effects, the first one first, without nuisances."""
         every = range(len(self._trials))
         own = self._own_effects.drawn_by([self._seed, 0, 0])
-        made = dict(self._draws.applied(self._trials, self._trials[0], 0, 0, every, own))
-        return [made[i] for i in every]
+        made = self._draws.applied(self._trials, self._trials[0], 0, 0, every, own)
+        return (trial for _, trial in made)
 
     def _base(self, replicate: int, wanted: Collection[int]) -> list[Trial]:
         """Trials without effects: of the study, of a numerical variant of it, or shifted a little.
@@ -351,16 +354,14 @@ class _Member(NamedTuple):
     requests: list[int]
 
 
-def _refusal(effect: Effect, nominal: Sequence[Trial]) -> Vsr2Error | None:
-    """Why an effect cannot act in the nominal trials of a campaign."""
+def _refusal(effect: Effect, trials: Sequence[Trial]) -> Vsr2Error | None:
+    """Why an effect cannot act in some trial, late in the campaign; None: it can in all."""
     from vsr2.simulation import check_trials
 
-    # What comes in over the campaign acts in later trials.
-    tried = {tuple(own.effect.name for own in trial.effects): trial for trial in reversed(nominal)}
     try:
         trials = with_effects(
-            [*tried.values()], [(effect, effect.extreme())],
-            relative_order=[1.0] * len(tried), sessions=["1"] * len(tried),
+            trials, [(effect, effect.extreme())],
+            relative_order=[1.0] * len(trials), sessions=["1"] * len(trials),
         )  # fmt: skip
         check_trials(trials)
     except Vsr2Error as error:
