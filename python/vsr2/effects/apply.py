@@ -314,8 +314,7 @@ def _changed(
     hooks = _hooks(effects)
     for hook in hooks:
         if hook.effect.stage in _BEFORE_MOTION:
-            for i, values in hook.values.items():
-                rest[i] = standing.of(made.standing(rest[i], hook, values))
+            _change_standing(rest, hook, made, standing)
     seeing = [hook for hook in hooks if hook.effect.stage not in _BEFORE_MOTION]
     alike = next((k for k, hook in enumerate(seeing) if hook.sought), 0)
     together: dict[int, list[int]] = {}
@@ -332,6 +331,18 @@ def _changed(
             before = partial(change, rest[i], moved[i], hooks=seeing[:alike])
             parts = change(*made.moving(i, seeing[:alike], before), hooks=seeing[alike:])
             yield i, trials[i].with_parts(*parts, (*trials[i].effects, *acting[i]))
+
+
+def _change_standing(
+    rest: dict[int, Trial], hook: _Hook, made: MadeEarlier, standing: _Alike
+) -> None:
+    """Put what sees no motion into trials, in place; those that hold the same objects are one."""
+    known: dict[tuple[int, int], tuple[Trial, Trial]] = {}
+    for i, values in hook.values.items():
+        before, key = rest[i], (id(rest[i]), id(values))
+        if key not in known:
+            known[key] = before, standing.of(made.standing(before, hook, values))
+        rest[i] = known[key][1]
 
 
 class _Each:
