@@ -4,24 +4,22 @@ from __future__ import annotations
 
 import warnings
 import zlib
-from collections import Counter
 from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from operator import itemgetter
-from typing import NamedTuple, TypeAlias, TypeVar
+from typing import TypeAlias
 
 import numpy as np
 
 from vsr2.argument_names import checked_names
 from vsr2.config.seeds import checked_seed
 from vsr2.effects.effect import Circumstances, Effect, acts_already
+from vsr2.effects.hooks import Hook, InForce, changed_by, hooks_of, with_key
 from vsr2.effects.parameter import EffectWarning
-from vsr2.effects.registry import chosen, place
-from vsr2.errors import ConfigError, Fault, SimulationError, Vsr2Error
+from vsr2.effects.registry import chosen
+from vsr2.errors import ConfigError, Fault, SimulationError
 from vsr2.trial import Applied, Trial
 
-T = TypeVar("T")
 Parts: TypeAlias = tuple[Trial, Trial]
 """Trials that have the scene, start and rules of one, and its motion."""
 _BEFORE_MOTION = ("geometry", "order", "inertia", "contact", "mechanism")
@@ -65,7 +63,7 @@ class MadeEarlier:
         self._standing: dict[tuple[object, ...], Parts] = {}
         self._moving: dict[tuple[object, ...], Parts] = {}
 
-    def standing(self, trial: Trial, hook: _Hook, values: dict[str, float]) -> Trial:
+    def standing(self, trial: Trial, hook: Hook, values: dict[str, float]) -> Trial:
         """The trial changed; its motion is that of the first that was asked for.
 
         Trials that hold the same objects are recognised, and stay with them.
@@ -73,10 +71,10 @@ class MadeEarlier:
         parts = [id(getattr(trial, name)) for name in _ALL_ELSE]
         key = (hook.effect.name, hook.key, *values.items(), *parts)
         if key not in self._standing:
-            self._standing[key] = trial, _made(trial, hook, values)
+            self._standing[key] = trial, changed_by(trial, hook, values)
         return self._standing[key][1]
 
-    def moving(self, index: int, hooks: Sequence[_Hook], change: Callable[[], Parts]) -> Parts:
+    def moving(self, index: int, hooks: Sequence[Hook], change: Callable[[], Parts]) -> Parts:
         """What hooks whose values are those of all calls make of a trial."""
         key = (index, *[hook.key for hook in hooks])
         found = self._moving.pop(key, None) or change()
@@ -217,27 +215,13 @@ def each_with_effects(
         return found
 
     acting = [
-        _Acting(one, applied(one, values, own), isinstance(values, Sought))
+        InForce(one, applied(one, values, own), isinstance(values, Sought))
         for (one, values), own in zip(effects, seeds, strict=True)
     ]
     if any(one.once or any(part.once for part in one.parts) for one, *_ in acting):
         for i in wanted:
             _assert_once(trials[i], [where[i] for _, where, _ in acting if i in where])
     yield from _changed(trials, acting, wanted, made or MadeEarlier())
-
-
-class _Acting(NamedTuple):
-    """An effect where it acts.
-
-    Attributes:
-        effect: whichever.
-        where: with its values in force, by the trial's index.
-        sought: whether its values differ from one call to the next.
-    """
-
-    effect: Effect
-    where: Mapping[int, Applied]
-    sought: bool
 
 
 def _drawing(one: Effect, seed: Seed, index: int) -> np.random.Generator:
@@ -295,7 +279,7 @@ _ALL_ELSE = ("scene", "start", "outcome", "settling")
 
 def _changed(
     trials: Sequence[Trial],
-    effects: Sequence[_Acting],
+    effects: Sequence[InForce],
     wanted: Sequence[int],
     made: MadeEarlier,
 ) -> Iterator[tuple[int, Trial]]:
@@ -311,7 +295,7 @@ def _changed(
     for _, where, _ in effects:
         for i, applied in where.items():
             acting[i].append(applied)
-    hooks = _hooks(effects)
+    hooks = hooks_of(effects)
     for hook in hooks:
         if hook.effect.stage in _BEFORE_MOTION:
             _change_standing(rest, hook, made, standing)
@@ -334,7 +318,7 @@ def _changed(
 
 
 def _change_standing(
-    rest: dict[int, Trial], hook: _Hook, made: MadeEarlier, standing: _Alike
+    rest: dict[int, Trial], hook: Hook, made: MadeEarlier, standing: _Alike
 ) -> None:
     """Put what sees no motion into trials, in place; those that hold the same objects are one."""
     known: dict[tuple[int, int], tuple[Trial, Trial]] = {}
@@ -359,7 +343,7 @@ class _Each:
             self._members.setdefault(id(standing), []).append(i)
         self._known: dict[tuple[int, int], tuple[Trial, dict[int, Trial]]] = {}
 
-    def made(self, hook: _Hook, trial: Trial, index: int) -> Trial:
+    def made(self, hook: Hook, trial: Trial, index: int) -> Trial:
         """A trial changed, its motion aside, which is that of the first trial asked for.
 
         Args:
@@ -381,9 +365,9 @@ class _Each:
         return made[index]
 
     @staticmethod
-    def _together(hook: _Hook, trial: Trial, indices: Sequence[int]) -> dict[int, Trial]:
+    def _together(hook: Hook, trial: Trial, indices: Sequence[int]) -> dict[int, Trial]:
         values = [hook.values[i] for i in indices]
-        changed = _asked(hook, lambda: hook.effect.change_each(trial, values))
+        changed = with_key(hook, lambda: hook.effect.change_each(trial, values))
         return dict(zip(indices, changed, strict=True))
 
 
@@ -402,7 +386,7 @@ class _UnderMotion:
         moved: Trial,
         *,
         index: int,
-        hooks: Sequence[_Hook],
+        hooks: Sequence[Hook],
         acting: Sequence[Applied],
     ) -> Parts:
         """Trials that have the scene, start and rules, and the motion, of one with effects in it.
@@ -430,91 +414,12 @@ class _UnderMotion:
                 continue
             alone = alone or hook.holders[id(values)] == 1
             if alone:  # No other trial will ask for it, so it is not kept.
-                rest = moved = _made(joined(), hook, values)
+                rest = moved = changed_by(joined(), hook, values)
                 continue
             key = id(values), id(rest), id(moved)
             if key not in self._made:
-                found = _made(joined(), hook, values)
+                found = changed_by(joined(), hook, values)
                 made = self._standing.of(found), self._moving.of(found)
                 self._made[key] = (rest, moved), made  # Both, so that no identity is used again.
             rest, moved = self._made[key][1]
         return rest, moved
-
-
-@dataclass(frozen=True)
-class _Hook:
-    """What changes trials at one place in the order.
-
-    Attributes:
-        effect: whose `change` it is.
-        values: by the trial's index; equal ones are one object.
-        sought: whether its values differ from one call to the next.
-        composite: the effect of which it is a part; None: of none.
-    """
-
-    effect: Effect
-    values: Mapping[int, dict[str, float]]
-    sought: bool
-    composite: Effect | None = None
-
-    @cached_property
-    def holders(self) -> Counter[int]:
-        """Number of trials that hold the same values, by their identity."""
-        return Counter(map(id, self.values.values()))
-
-    @property
-    def each(self) -> bool:
-        """Whether the effect changes a trial with several values in one go."""
-        return type(self.effect).change_each is not Effect.change_each
-
-    @property
-    def key(self) -> str:
-        """Of the study, by which errors name the effect."""
-        return f"effects.{(self.composite or self.effect).name}"
-
-    def key_of(self, own: str) -> str:
-        """Of the study, for the key that an error of the effect names."""
-        before = f"effects.{self.effect.name}."
-        if self.composite is None or not own.startswith(before):
-            return own
-        return f"{self.key}.{self.effect.name}_{own.removeprefix(before)}"
-
-
-def _hooks(effects: Sequence[_Acting]) -> list[_Hook]:
-    """Of all effects, and of the parts of those with some, in the order of application.
-
-    A part comes after the effect of its name: a step acts on top of what acts in all trials.
-    """
-    found = []
-    for one, where, sought in effects:
-        known = {id(applied): dict(applied.values) for applied in where.values()}
-        if one.parts:
-            acting = {key: dict(one.acting_parts(values)) for key, values in known.items()}
-            for part in one.parts:
-                own = {i: acting[id(a)][part] for i, a in where.items() if part in acting[id(a)]}
-                found.append(_Hook(part, own, sought, one))
-        elif one.stage != "outcome":
-            own = {i: known[id(applied)] for i, applied in where.items()}
-            found.append(_Hook(one, own, sought))
-    return sorted(found, key=lambda hook: (place(hook.effect), hook.composite is not None))
-
-
-def _made(trial: Trial, hook: _Hook, values: dict[str, float]) -> Trial:
-    changed = _asked(hook, lambda: hook.effect.change(trial, values))
-    if not isinstance(changed, Trial):
-        raise SimulationError(
-            f"effect {hook.effect.name!r}: `change` must return a Trial "
-            f"(returned {type(changed).__name__})"
-        )
-    return changed
-
-
-def _asked(hook: _Hook, change: Callable[[], T]) -> T:
-    """What an effect makes; its error names the key of the study."""
-    try:
-        return change()
-    except Vsr2Error as error:
-        key = hook.key_of(error.key) if error.key else hook.key
-        if key == error.key:
-            raise
-        raise type(error)(error.message, key=key, fault=error.fault) from error
