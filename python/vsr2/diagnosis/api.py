@@ -105,10 +105,7 @@ def diagnose(
     check_study_effects(study.effects, study.name if isinstance(scene, Study) else scene)
     seen = observe_campaign(given, tier)
     simulator = scene_simulator(seen, study, hypotheses, execution, seed)
-    folder = None if out is None else made_folder(Path(out))
-    if folder is not None:
-        identity = ("provenance", "simulator"), simulator.identity
-        refuse_other_work(folder / FILE, *identity, "a diagnosis")
+    folder = None if out is None else _own_folder(Path(out), simulator)
     if execution.cache is not None:
         made_folder(execution.cache.folder)
     found = diagnose_with(
@@ -141,6 +138,13 @@ def diagnose(
         found.save(folder)
         write_corrected(found, study, folder)
     return found
+
+
+def _own_folder(folder: Path, simulator: SceneSimulator) -> Path:
+    """The folder of a diagnosis, made where it is not there; refused where it holds another."""
+    identity = ("provenance", "simulator"), simulator.identity
+    refuse_other_work(made_folder(folder) / FILE, *identity, "a diagnosis")
+    return folder
 
 
 def scene_simulator(

@@ -20,7 +20,7 @@ Caused = tuple[Effect, Values]
 """What is hypothesised, with complete values."""
 
 
-class ActingEffect(NamedTuple):
+class SeededEffect(NamedTuple):
     """An effect that acts in a simulated campaign.
 
     Attributes:
@@ -86,7 +86,7 @@ class NuisanceDraws:
         nuisance: int,
         replicate: int,
         wanted: Collection[int],
-        own: Sequence[ActingEffect] = (),
+        own: Sequence[SeededEffect] = (),
         caused: Sequence[Caused] = (),
         made: MadeEarlier | None = None,
     ) -> Iterator[tuple[int, Trial]]:
@@ -112,9 +112,9 @@ class NuisanceDraws:
         wide, caused = self._acting(first, nuisance, replicate, caused)
         given = [
             *own,
-            *(ActingEffect(*one, seed) for one in wide),
+            *(SeededEffect(*one, seed) for one in wide),
             *self._of_motions_and_trials(nuisance, replicate, wanted),
-            *(ActingEffect(*one, seed) for one in caused),
+            *(SeededEffect(*one, seed) for one in caused),
         ]
         given.sort(key=lambda one: place(one.effect))
         return each_with_effects(
@@ -158,7 +158,7 @@ class NuisanceDraws:
 
     def _of_motions_and_trials(
         self, nuisance: int, replicate: int, wanted: Collection[int]
-    ) -> Iterator[ActingEffect]:
+    ) -> Iterator[SeededEffect]:
         """Nuisances that each motion, then those that each trial has values of its own of."""
         if nuisance:
             numbers = {i: (3, self._motion[i], nuisance, 0) for i in wanted}
@@ -168,7 +168,7 @@ class NuisanceDraws:
 
     def _by_trial(
         self, scope: Scope, numbers: Mapping[int, tuple[int, int, int, int]]
-    ) -> Iterator[ActingEffect]:
+    ) -> Iterator[SeededEffect]:
         """Nuisances of a scope, each trial's drawn by its numbers."""
         own = self._own[scope]
         values, seeds = [ByTrial() for _ in own], [dict[int, int]() for _ in own]
@@ -179,4 +179,4 @@ class NuisanceDraws:
                 values[k][i] = one.acting.complete(one.values(z))
                 seeds[k][i] = int(rng.integers(2**63))
         for one, by_trial, seed in zip(own, values, seeds, strict=True):
-            yield ActingEffect(one.acting, by_trial, seed)
+            yield SeededEffect(one.acting, by_trial, seed)

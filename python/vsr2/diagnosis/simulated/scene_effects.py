@@ -8,7 +8,7 @@ import numpy as np
 
 from vsr2.config.study import Study
 from vsr2.diagnosis.observed.random_streams import Stream
-from vsr2.diagnosis.simulated.nuisance_draws import ActingEffect
+from vsr2.diagnosis.simulated.nuisance_draws import SeededEffect
 from vsr2.diagnosis.simulated.nuisances import Nuisance
 from vsr2.effects import chosen
 from vsr2.effects.own_code import own_code
@@ -54,11 +54,11 @@ class SceneEffects:
                     f"twice: {one.acting.once}; leave one of them out"
                 )
 
-    def drawn_by(self, seed: Sequence[int]) -> list[ActingEffect]:
+    def drawn_by(self, seed: Sequence[int]) -> list[SeededEffect]:
         """Each with its values and the seed of what it draws.
 
         Args:
             seed: of the simulated campaign.
         """
         state = np.random.SeedSequence([*seed, Stream.SCENE_EFFECTS]).generate_state(1, np.uint64)
-        return [ActingEffect(one, values, int(state[0])) for one, values in self._given]
+        return [SeededEffect(one, values, int(state[0])) for one, values in self._given]
