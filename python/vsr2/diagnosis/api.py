@@ -77,8 +77,7 @@ def diagnose(
         tier: information to use: B outcomes, M largest tilts too, T series too; None: all that the
             campaign shares.
         out: folder for `diagnosis.json` (without sentences), tables, the corrected scene,
-            simulations and the trained posterior, which later runs of the same scene and campaign
-            reuse; None: nothing is written.
+            simulations and the posterior, which later runs of the same reuse; None: none.
         budget: wall or processor time, judging included, or numbers of simulations or of simulated
             campaigns; equal numbers of campaigns give equal verdicts.
         hypotheses: effects that may be the cause, and what is uncertain about the set-up.
