@@ -26,13 +26,14 @@ import numpy as np
 
 from vsr2.campaign import Campaign, load_campaign
 from vsr2.config import Study, load_study
-from vsr2.diagnosis import Budget, Execution, Hypotheses, diagnose
-from vsr2.diagnosis.pipeline import Progress
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.library import free_parameters, primary_parameters, sides, values_at
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import HALF_STEP, Effects, Request
+from vsr2.diagnosis import Budget, diagnose
 from vsr2.effects import Effect
+from vsr2.ensemble import Execution, Hypotheses
+from vsr2.ensemble.execution import Progress
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.library import free_parameters, primary_parameters, sides, values_at
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import HALF_STEP, Effects, Request
 
 EFFECTS = ("table_resonance", "table_bandwidth", "time_scale")
 """Each gives every trial a motion of its own."""

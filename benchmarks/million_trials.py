@@ -27,9 +27,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from scaling import many, resident, short_trial
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.library import Library
-from vsr2.diagnosis.simulated.simulator import Request, Responses
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.library import Library
+from vsr2.ensemble.simulated.simulator import Request, Responses
 from vsr2.results import prepare_folder, save_result
 from vsr2.simulation import run_batch
 

@@ -121,7 +121,7 @@ def thinned(campaign: Campaign, count: int) -> Campaign:
 
 def drawn_effects(library: Any, index: int) -> tuple[tuple[str, tuple[float, ...]], ...]:
     """What acts in a campaign: none, one or two effects at a log-uniform share of their range."""
-    from vsr2.diagnosis.simulated.library import (
+    from vsr2.ensemble.simulated.library import (
         free_parameters,
         primary_parameters,
         sides,
@@ -148,8 +148,8 @@ def simulated(
     campaign: Campaign, study: Study, round_: int, draws: int, threads: int
 ) -> Callable[[], Done]:
     """Whole campaigns as a diagnosis simulates them; no draw is used twice."""
-    from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-    from vsr2.diagnosis.simulated.simulator import Request
+    from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+    from vsr2.ensemble.simulated.simulator import Request
 
     simulator = SceneSimulator(campaign, study, threads=threads)
     indices = range(round_ * draws, (round_ + 1) * draws)

@@ -47,7 +47,8 @@ from vsr2.blind.scoring.scored import Scored
 from vsr2.campaign import TIERS
 from vsr2.codes import Statement
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, Execution
+from vsr2.diagnosis import Budget
+from vsr2.ensemble import Execution
 from vsr2.errors import BlindError
 from vsr2.report.blind_page import write_scores
 from vsr2.report.messages.blind_packs import diagnosed_pack, event_text

@@ -27,11 +27,12 @@ from diagnosis_planar import write
 from planted import shaken_campaign
 from vsr2.campaign import Campaign, MeasurementNoise, load_campaign
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, Diagnosis, Execution, diagnose
+from vsr2.diagnosis import Budget, Diagnosis, diagnose
 from vsr2.diagnosis.budget import SCHEDULE
-from vsr2.diagnosis.simulated.look import LOOK
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Effects, Request
+from vsr2.ensemble import Execution
+from vsr2.ensemble.simulated.look import LOOK
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import Effects, Request
 from vsr2.report.messages.progress_lines import ProgressLines
 
 ROOT = Path(__file__).resolve().parents[1]

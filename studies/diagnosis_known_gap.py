@@ -31,14 +31,14 @@ from diagnosis_planar import write
 from planted import Rehearsal, shaken_campaign
 from vsr2.campaign import TIERS, Campaign
 from vsr2.config import study_from_mapping
-from vsr2.diagnosis.posterior.training import Found, Posterior
-from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.diagnosis.verdict.rules import verdict_of
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.effects import Effect
 from vsr2.effects import library as known_effects
+from vsr2.ensemble import Hypotheses
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.motion import Record
+from vsr2.posterior.training import Found, Posterior
 
 NAMES = (
     "time_scale",

@@ -34,22 +34,17 @@ from planted import Rehearsal, shaken_campaign
 from vsr2.analysis.intervals import calibration_error
 from vsr2.blind.custodian.campaign_recording import RECORDING
 from vsr2.blind.custodian.pack_making import MAKING
-from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.posterior.calibration import label_probability, label_set
-from vsr2.diagnosis.posterior.summaries import SUMMARY
-from vsr2.diagnosis.posterior.training import Found, Posterior
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.campaigns import (
-    FIRST_NUISANCE,
-    Acting,
-    Campaigns,
-    simulate_campaigns,
-)
-from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters
-from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
-from vsr2.diagnosis.simulated.look import LOOK
-from vsr2.diagnosis.simulated.simulator import Effects, Request
 from vsr2.diagnosis.where.locations import where_it_lies
+from vsr2.ensemble.observed.observations import Observations
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.campaigns import FIRST_NUISANCE, Acting, Campaigns, simulate_campaigns
+from vsr2.ensemble.simulated.library import NONE, UNKNOWN, free_parameters
+from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
+from vsr2.ensemble.simulated.look import LOOK
+from vsr2.ensemble.simulated.simulator import Effects, Request
+from vsr2.posterior.calibration import label_probability, label_set
+from vsr2.posterior.summaries import SUMMARY
+from vsr2.posterior.training import Found, Posterior
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]

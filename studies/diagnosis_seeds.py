@@ -22,10 +22,11 @@ from diagnosis_planar import write
 from planted import shaken_campaign
 from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, Execution, Hypotheses, diagnose
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Effects, Request
+from vsr2.diagnosis import Budget, diagnose
 from vsr2.effects import library
+from vsr2.ensemble import Execution, Hypotheses
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import Effects, Request
 
 SCENE = Path(__file__).resolve().parents[1] / "configs" / "blind.yaml"
 NAMES = (

@@ -6,7 +6,7 @@ Each campaign, a folder, has no effect and comes from another engine (or, to com
 Its outcomes and features are compared with the nominal simulation of each trial. What differs in
 the logarithm of the largest tilt, and in features of series, is split into what is common to a
 campaign, to the trials of a motion, and what is left to single trials. `DISCREPANCY` of
-`vsr2.diagnosis.posterior.discrepancy` and `rest_scatter` of `vsr2.diagnosis.observed.observations`
+`vsr2.posterior.discrepancy` and `rest_scatter` of `vsr2.ensemble.observed.observations`
 are of that kind. Writes `table.csv`, one row a campaign and feature.
 """
 
@@ -24,15 +24,15 @@ from numpy.typing import NDArray
 from diagnosis_planar import write
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
-from vsr2.diagnosis.observed.features import REST_FEATURES, TILT_FEATURES, noted_tilt_features
-from vsr2.diagnosis.observed.observations import (
+from vsr2.ensemble.observed.features import REST_FEATURES, TILT_FEATURES, noted_tilt_features
+from vsr2.ensemble.observed.observations import (
     OBSERVED,
     Observations,
     observe_campaign,
     rest_logarithm,
 )
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Request, Responses
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import Request, Responses
 
 Array = NDArray[np.float64]
 

@@ -31,8 +31,9 @@ from vsr2.analysis.probability import RELIABILITY, outcome_loss, overturning_pro
 from vsr2.analysis.shapley import shapley_share
 from vsr2.campaign import Campaign, load_campaign, motion_resamples
 from vsr2.campaign.folds import grouped_folds
-from vsr2.diagnosis import Execution, predict
-from vsr2.diagnosis.prediction import PREDICTION
+from vsr2.ensemble import Execution
+from vsr2.prediction import predict
+from vsr2.prediction.replicates import PREDICTION
 from vsr2.report.messages.progress_lines import ProgressLines
 from vsr2.results.atomic import csv_text, write_text
 

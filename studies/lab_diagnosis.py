@@ -23,7 +23,8 @@ from pathlib import Path
 import numpy as np
 
 from vsr2.analysis import classification_metrics
-from vsr2.diagnosis import Budget, Execution, Hypotheses, diagnose
+from vsr2.diagnosis import Budget, diagnose
+from vsr2.ensemble import Execution, Hypotheses
 from vsr2.report.diagnosis_page import diagnosis_figures, format_diagnosis, write_diagnosis_page
 from vsr2.report.messages.progress_lines import ProgressLines
 from vsr2.report.panels import svg

@@ -21,8 +21,8 @@ from numpy.typing import NDArray
 
 from lab_model import HERE, add_options, lab_model, simulated_probability
 from vsr2.analysis.probability import probability_intervals
-from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, fold_posteriors, folds_of
-from vsr2.diagnosis.margins.margin_search import scene_margins
+from vsr2.causes.margins.held_out_causes import HELD_OUT_CAUSES, fold_posteriors, folds_of
+from vsr2.causes.margins.margin_search import scene_margins
 from vsr2.results.atomic import csv_text, write_text
 
 CANDIDATES = 4096

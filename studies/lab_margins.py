@@ -22,18 +22,11 @@ from vsr2.analysis.overturning_margin import fit_margin_model, out_of_fold_proba
 from vsr2.analysis.probability import outcome_loss
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
-from vsr2.diagnosis import (
-    Execution,
-    Hypotheses,
-    Nuisance,
-    Prediction,
-    predict,
-    with_deviations,
-)
-from vsr2.diagnosis.prediction import PREDICTION
-from vsr2.diagnosis.simulated.nuisances import Uniform
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
 from vsr2.effects import effect
+from vsr2.ensemble import Execution, Hypotheses, Nuisance, Uniform, with_deviations
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.prediction import Prediction, predict
+from vsr2.prediction.replicates import PREDICTION
 from vsr2.report.messages.commands import prediction_table
 from vsr2.report.messages.progress_lines import ProgressLines
 from vsr2.results.atomic import csv_text, write_text

@@ -14,15 +14,15 @@ from scipy.special import ndtr
 
 from vsr2.analysis.overturning_margin import MARGIN
 from vsr2.campaign import Campaign, load_campaign
+from vsr2.causes.margins.cause_space import CauseSpace, cause_space
+from vsr2.causes.margins.outcome_model import OutcomeModel, Particles
+from vsr2.causes.margins.session_steps import session_steps
+from vsr2.causes.margins.simulated_scenes import SCENES, simulate_scenes
 from vsr2.config import load_study
-from vsr2.diagnosis import Hypotheses
-from vsr2.diagnosis.margins.cause_space import CauseSpace, cause_space
-from vsr2.diagnosis.margins.outcome_model import OutcomeModel, Particles
-from vsr2.diagnosis.margins.session_steps import session_steps
-from vsr2.diagnosis.margins.simulated_scenes import SCENES, simulate_scenes
-from vsr2.diagnosis.protocol_cache import SIMULATIONS
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble import Hypotheses
+from vsr2.ensemble.protocol_cache import SIMULATIONS
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 
 HERE = Path(__file__).resolve().parent
 ASKED = Hypotheses(exclude=["base_slope"], contact_family=())

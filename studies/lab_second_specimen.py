@@ -31,14 +31,14 @@ from numpy.typing import NDArray
 from lab_model import ASKED, HERE, LabModel, add_options, lab_model, simulated_probability
 from vsr2.analysis.probability import PROBABILITY_SCORES, probability_intervals
 from vsr2.campaign import Campaign, load_campaign
+from vsr2.causes.margins.acting_posterior import sample_posterior
+from vsr2.causes.margins.held_out_causes import HELD_OUT_CAUSES, fold_posteriors, folds_of
+from vsr2.causes.margins.margin_search import scene_margins
+from vsr2.causes.margins.outcome_model import Particles
 from vsr2.config import load_study
-from vsr2.diagnosis.margins.acting_posterior import sample_posterior
-from vsr2.diagnosis.margins.held_out_causes import HELD_OUT_CAUSES, fold_posteriors, folds_of
-from vsr2.diagnosis.margins.margin_search import scene_margins
-from vsr2.diagnosis.margins.outcome_model import Particles
-from vsr2.diagnosis.protocol_cache import SIMULATIONS
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.protocol_cache import SIMULATIONS
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.results.atomic import csv_text, write_text
 
 OUT = HERE.parent / "out"

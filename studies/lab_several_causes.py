@@ -18,9 +18,10 @@ import argparse
 import shutil
 from pathlib import Path
 
-from vsr2.diagnosis import Execution, Hypotheses, find_causes
-from vsr2.diagnosis.causes import CAUSES_FILE, FIGURE, TABLE_FILE
-from vsr2.diagnosis.margins.simulated_scenes import SCENES
+from vsr2.causes import find_causes
+from vsr2.causes.causes import CAUSES_FILE, FIGURE, TABLE_FILE
+from vsr2.causes.margins.simulated_scenes import SCENES
+from vsr2.ensemble import Execution, Hypotheses
 from vsr2.report.causes_figure import write_causes_figure
 from vsr2.report.messages.found_causes import causes_text
 from vsr2.report.messages.progress_lines import ProgressLines

@@ -12,14 +12,14 @@ from numpy.typing import NDArray
 from planar.planar_block import GRAVITY
 from planar.planar_simulator import PlanarSimulator
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, Specimen, Tier
-from vsr2.diagnosis.observed.features import TILT_FEATURES
-from vsr2.diagnosis.observed.observations import Observations, observe_campaign
-from vsr2.diagnosis.posterior.training import Found, Posterior, train
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.campaigns import Campaigns, plain_campaigns, simulate_campaigns
-from vsr2.diagnosis.simulated.look import look
-from vsr2.diagnosis.simulated.simulator import Effects, Request, Responses, Simulator
+from vsr2.ensemble.observed.features import TILT_FEATURES
+from vsr2.ensemble.observed.observations import Observations, observe_campaign
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.campaigns import Campaigns, plain_campaigns, simulate_campaigns
+from vsr2.ensemble.simulated.look import look
+from vsr2.ensemble.simulated.simulator import Effects, Request, Responses, Simulator
 from vsr2.motion import Record
+from vsr2.posterior.training import Found, Posterior, train
 
 Array = NDArray[np.float64]
 

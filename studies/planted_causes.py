@@ -18,8 +18,8 @@ from pathlib import Path
 import numpy as np
 
 from lab_model import HERE, add_options, lab_model
-from vsr2.diagnosis.margins.acting_posterior import sample_posterior
-from vsr2.diagnosis.margins.margin_search import scene_margins
+from vsr2.causes.margins.acting_posterior import sample_posterior
+from vsr2.causes.margins.margin_search import scene_margins
 from vsr2.results.atomic import csv_text, write_text
 
 BINS = (0.0, 0.1, 0.2, 0.3, 0.5, 0.7, 0.9, 1.0)

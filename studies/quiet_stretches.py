@@ -45,8 +45,8 @@ from engine_equivalence import (
 from vsr2.campaign import load_campaign
 from vsr2.config import load_study
 from vsr2.config.study import Contact, Engine, Settling
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Request
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import Request
 from vsr2.motion import Motion
 from vsr2.scene import Pose, Scene
 from vsr2.simulation import run_batch

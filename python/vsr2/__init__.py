@@ -12,9 +12,9 @@ if TYPE_CHECKING:
     from vsr2.config import Study, load_study
     from vsr2.diagnosis import Diagnosis
     from vsr2.diagnosis.api import diagnose
-    from vsr2.diagnosis.prediction import predict
     from vsr2.effects import apply_effects
     from vsr2.motion import Motion
+    from vsr2.prediction.prediction import predict
     from vsr2.results import BatchResult, TrialLog, load_result, save_result
     from vsr2.scene import Scene, build_scene
     from vsr2.simulation import Simulation, run_batch
@@ -39,8 +39,30 @@ __all__ = [
     "save_result",
 ]
 
-_ROOMS = ("config", "motion", "scene", "trial", "effects", "results", "simulation", "diagnosis")
-_OTHER_ROOMS = ("analysis", "blind", "calibration", "campaign", "fragility", "hazard", "view")
+_ROOMS = (
+    "config",
+    "motion",
+    "scene",
+    "trial",
+    "effects",
+    "results",
+    "simulation",
+    "diagnosis",
+    "prediction",
+)
+_OTHER_ROOMS = (
+    "analysis",
+    "blind",
+    "calibration",
+    "campaign",
+    "causes",
+    "coverage",
+    "ensemble",
+    "fragility",
+    "hazard",
+    "posterior",
+    "view",
+)
 
 
 def __getattr__(name: str) -> "Any":

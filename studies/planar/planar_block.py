@@ -21,7 +21,7 @@ from dataclasses import dataclass, fields
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.features import tilt_features
+from vsr2.ensemble.observed.features import tilt_features
 
 Array = NDArray[np.float64]
 

@@ -20,8 +20,8 @@ from planar.planar_block import (
 from planar.planar_library import PLANAR_LIBRARY, Lanes, PlanarEffect
 from vsr2.campaign import Campaign
 from vsr2.config.motion_source import Filter
-from vsr2.diagnosis.simulated.library import Library
-from vsr2.diagnosis.simulated.simulator import Request, Responses, nuisance_normal
+from vsr2.ensemble.simulated.library import Library
+from vsr2.ensemble.simulated.simulator import Request, Responses, nuisance_normal
 from vsr2.errors import DiagnosisError
 from vsr2.motion import build_recorded_motion
 

@@ -35,7 +35,7 @@ def read_evaluations(path: Path) -> None:
 
 
 def read_simulations(path: Path) -> None:
-    from vsr2.diagnosis.simulated.cache import SimulationCache
+    from vsr2.ensemble.simulated.cache import SimulationCache
 
     file = beside(path, "simulations.jsonl") / "simulations.jsonl"
     with SimulationCache(simulator(), file) as cache:
@@ -80,7 +80,7 @@ def read_round(path: Path) -> object:
 
 
 def read_posterior(path: Path) -> object:
-    from vsr2.diagnosis.posterior.files import load_posterior
+    from vsr2.posterior.files import load_posterior
 
     return load_posterior(path, chosen_library(), (2, 1))
 
@@ -154,7 +154,7 @@ def simulator() -> Any:
     """Answers without simulating."""
     import numpy as np
 
-    from vsr2.diagnosis.simulated.simulator import Responses
+    from vsr2.ensemble.simulated.simulator import Responses
 
     def run(requests: list[Any]) -> Responses:
         count = len(requests)
@@ -170,8 +170,8 @@ def stores(folder: Path) -> list[bytes]:
     import numpy as np
 
     from vsr2.calibration import Evaluation, EvaluationStore
-    from vsr2.diagnosis.simulated.cache import SimulationCache
-    from vsr2.diagnosis.simulated.simulator import Request
+    from vsr2.ensemble.simulated.cache import SimulationCache
+    from vsr2.ensemble.simulated.simulator import Request
     from vsr2.results import FLOAT_COLUMNS, Journal
 
     words = {"status": "ok", "outcome": "rocked", "message": "", "engine": "fast"}
@@ -201,15 +201,15 @@ def posterior(path: Path) -> bytes:
     """A file of a posterior; its numbers mean nothing."""
     import numpy as np
 
-    from vsr2.diagnosis.posterior.calibration import Levels
-    from vsr2.diagnosis.posterior.files import save_posterior
-    from vsr2.diagnosis.posterior.goodness_of_fit import LibraryFit
-    from vsr2.diagnosis.posterior.network import Network
-    from vsr2.diagnosis.posterior.parameters import Parameters
-    from vsr2.diagnosis.posterior.sets import Sets, declared_alike
-    from vsr2.diagnosis.posterior.summaries import Standard, Summaries
-    from vsr2.diagnosis.posterior.training import Posterior
-    from vsr2.diagnosis.simulated.library import free_parameters
+    from vsr2.ensemble.simulated.library import free_parameters
+    from vsr2.posterior.calibration import Levels
+    from vsr2.posterior.files import save_posterior
+    from vsr2.posterior.goodness_of_fit import LibraryFit
+    from vsr2.posterior.network import Network
+    from vsr2.posterior.parameters import Parameters
+    from vsr2.posterior.sets import Sets, declared_alike
+    from vsr2.posterior.summaries import Standard, Summaries
+    from vsr2.posterior.training import Posterior
 
     library = chosen_library()
     sets = Sets(NAMES)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
-import vsr2.diagnosis.observed.observations as observations
+import vsr2.ensemble.observed.observations as observations
 from vsr2.blind import make_pack
 from vsr2.blind.custodian.design import catalogue, draw_protocol
 from vsr2.blind.form.pack_settings import PackSettings

@@ -14,14 +14,14 @@ from planted import Rehearsal, shaken_campaign
 from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
 from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
-from vsr2.diagnosis.noise_floor import NOISE_FLOOR
-from vsr2.diagnosis.observed.observations import OBSERVED
-from vsr2.diagnosis.posterior.network import NETWORK
-from vsr2.diagnosis.simulated.campaigns import Campaigns
-from vsr2.diagnosis.simulated.look import LOOK
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Effects, Request, Responses, nuisance_normal
 from vsr2.effects import library
+from vsr2.ensemble.noise_floor import NOISE_FLOOR
+from vsr2.ensemble.observed.observations import OBSERVED
+from vsr2.ensemble.simulated.campaigns import Campaigns
+from vsr2.ensemble.simulated.look import LOOK
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import Effects, Request, Responses, nuisance_normal
+from vsr2.posterior.network import NETWORK
 from vsr2.trial import Trial
 
 NAMES = ("table_gain", "inertia", "restitution", "wear", "catch")
@@ -121,7 +121,7 @@ def quick_training() -> Iterator[None]:
     """A smaller network, trained less: what it is trained for stays."""
     few = replace(NETWORK, hidden=(48, 32), dropout=0.1, passes=40, rate=4e-3, least_passes=8)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("vsr2.diagnosis.posterior.network.NETWORK", few)
+        patch.setattr("vsr2.posterior.network.NETWORK", few)
         yield
 
 
@@ -156,7 +156,7 @@ def few_effects(*names: str) -> Iterator[None]:
     known = library()
     with pytest.MonkeyPatch.context() as patch:
         few = {name: known[name] for name in names}
-        patch.setattr("vsr2.diagnosis.simulated.hypotheses.known_effects", lambda: few)
+        patch.setattr("vsr2.ensemble.simulated.hypotheses.known_effects", lambda: few)
         yield
 
 

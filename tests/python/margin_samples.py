@@ -4,8 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from vsr2.diagnosis.margins.margin_emulator import MarginEmulator, fit_emulator
-from vsr2.diagnosis.margins.trial_groups import TrialGroups
+from vsr2.causes.margins.margin_emulator import MarginEmulator, fit_emulator
+from vsr2.causes.margins.trial_groups import TrialGroups
 
 
 def fitted(features, margins, motions=None) -> MarginEmulator:

@@ -14,7 +14,7 @@ import pytest
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGE = ROOT / "python" / "vsr2"
-PARTED = ("diagnosis", "blind")
+PARTED = ("ensemble", "diagnosis", "causes", "blind")
 """Rooms with rooms of their own."""
 MODULES = sorted(PACKAGE.rglob("*.py"))
 HEAVY = {

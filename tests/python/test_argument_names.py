@@ -14,7 +14,8 @@ import pytest
 import vsr2
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, CampaignTrial, MeasurementNoise, RunOptions, simulate_campaign
-from vsr2.diagnosis import Budget, Execution, Hypotheses, iterate
+from vsr2.diagnosis import Budget, iterate
+from vsr2.ensemble import Execution, Hypotheses
 from vsr2.errors import CampaignError, DiagnosisError, MotionError, Renamed, Vsr2Error
 from vsr2.fragility import run_fragility
 from vsr2.motion import Motion, Record, read_record, response_spectrum

@@ -11,7 +11,8 @@ from pathlib import Path
 import pytest
 
 from vsr2.blind.custodian.pack_streams import PackStream
-from vsr2.diagnosis.observed.random_streams import MarginStream, Stream
+from vsr2.causes.margins.margin_streams import MarginStream
+from vsr2.ensemble.observed.random_streams import Stream
 
 PACKAGE = Path(__file__).resolve().parents[2] / "python" / "vsr2"
 DISPLAY = ("report", "view")
@@ -22,7 +23,7 @@ UNTUNED: dict[str, set[str]] = {
     "form of a file": {
         "blind/custodian/pack_making.py:FORM", "blind/form/seal.py:SALT_BYTES",
         "blind/form/seal.py:_MADE", "diagnosis/corrected.py:DIGITS",
-        "diagnosis/posterior/files.py:FORMAT", "diagnosis/simulated/cache.py:KEY",
+        "posterior/files.py:FORMAT", "ensemble/simulated/cache.py:KEY",
         "motion/peer.py:_HEADER_LINES", "motion/recording.py:_LABORATORY_COLUMNS",
         "results/result_folder.py:FORMAT_VERSION", "config/ros2_notes.py:_RECORD_INTERVAL",
     },
@@ -33,14 +34,14 @@ UNTUNED: dict[str, set[str]] = {
     "numbers that stand for names": {
         "blind/custodian/bullet_engine.py:_SCENE_EFFECTS",
         "cli/entry.py:INTERRUPTED, TERMINATED",
-        "diagnosis/coverage/planted_campaigns.py:FIRST",
-        "diagnosis/simulated/campaigns.py:FIRST_NUISANCE",
-        "diagnosis/simulated/simulator.py:HALF_STEP, FINE_SOLVER",
-        "diagnosis/simulated/simulator.py:PERTURBED", "simulation/batch.py:_LOST, _COMPLETE",
+        "coverage/planted_campaigns.py:FIRST",
+        "ensemble/simulated/campaigns.py:FIRST_NUISANCE",
+        "ensemble/simulated/simulator.py:HALF_STEP, FINE_SOLVER",
+        "ensemble/simulated/simulator.py:PERTURBED", "simulation/batch.py:_LOST, _COMPLETE",
         "simulation/effect_checks.py:_HULL",
     },
     "convention": {
-        "config/section.py:DEFAULT_TIME_STEP", "diagnosis/coverage/coverage_scores.py:LEVELS",
+        "config/section.py:DEFAULT_TIME_STEP", "coverage/coverage_scores.py:LEVELS",
         "effects/geometry.py:_QUARTERS", "effects/parameter.py:NORMAL_ENDS",
         "hazard/hazard_curve.py:SITE_ROUNDING",
         "effects/underside.py:_COEFFICIENTS", "motion/two_components.py:STEP",
@@ -49,8 +50,8 @@ UNTUNED: dict[str, set[str]] = {
         "simulation/planning.py:EDGE_ROWS",
     },
     "guard against rounding": {
-        "campaign/campaign.py:NORM_TOLERANCE", "diagnosis/posterior/network.py:FORBIDDEN",
-        "diagnosis/simulated/library.py:HALVINGS", "diagnosis/simulated/simulator.py:RATIO_STEPS",
+        "campaign/campaign.py:NORM_TOLERANCE", "posterior/network.py:FORBIDDEN",
+        "ensemble/simulated/library.py:HALVINGS", "ensemble/simulated/simulator.py:RATIO_STEPS",
         "effects/rounding.py:_SAME", "effects/support.py:_UPRIGHT", "effects/underside.py:_LEVEL",
         "motion/motion.py:START_TOLERANCE", "motion/sample_spline.py:SETTLED",
         "motion/two_components.py:SAME_INTERVAL",
@@ -59,10 +60,10 @@ UNTUNED: dict[str, set[str]] = {
     },
     "memory or progress: no result depends on it": {
         "calibration/evaluation.py:MAX_SAMPLES_HELD",
-        "campaign/file_problems.py:_LISTED", "diagnosis/posterior_check.py:CHUNK",
-        "diagnosis/simulated/cache.py:CHUNK",
-        "diagnosis/simulated/scene_simulator.py:KEPT_MOTIONS",
-        "diagnosis/simulated/scene_simulator.py:KEPT_SCENES", "effects/rounding.py:_PAIRS",
+        "campaign/file_problems.py:_LISTED", "coverage/posterior_check.py:CHUNK",
+        "ensemble/simulated/cache.py:CHUNK",
+        "ensemble/simulated/scene_simulator.py:KEPT_MOTIONS",
+        "ensemble/simulated/scene_simulator.py:KEPT_SCENES", "effects/rounding.py:_PAIRS",
         "fragility/fit.py:_CHUNK",
         "motion/sample_spline.py:BLOCK", "motion/sample_spline.py:MAX_KEPT",
         "simulation/native_scenes.py:MAX_NATIVE_POINTS",
@@ -87,8 +88,8 @@ INSIDE: dict[str, set[str]] = {
     "most that an integer holds": {
         "blind/custodian/detection_limit.py: 31", "blind/custodian/pack_making.py: 31",
         "blind/custodian/pack_making.py: 63",
-        "calibration/search.py: 31", "diagnosis/simulated/nuisance_draws.py: 63",
-        "diagnosis/simulated/nuisances.py: 31", "results/journal.py: 63", "results/store.py: 63",
+        "calibration/search.py: 31", "ensemble/simulated/nuisance_draws.py: 63",
+        "ensemble/simulated/nuisances.py: 31", "results/journal.py: 63", "results/store.py: 63",
     },
     "definition or formula": {
         "motion/fusion.py: 20", "motion/measures.py: 0.05", "motion/measures.py: 0.75",
@@ -97,11 +98,11 @@ INSIDE: dict[str, set[str]] = {
     },
     "text that is cut for a message or a name": {
         "campaign/simulate.py: 80", "config/problems.py: 57", "config/yaml_file.py: 57",
-        "diagnosis/posterior/files.py: 200", "motion/npz.py: 200", "motion/recording.py: 200",
+        "posterior/files.py: 200", "motion/npz.py: 200", "motion/recording.py: 200",
         "motion/seismology.py: 200", "scene/mesh_files.py: 200", "scene/urdf.py: 57",
     },
     "default that the caller sees and sets": {
-        "cli/verb_motion.py: 15", "cli/verb_view.py: 8080", "diagnosis/posterior_check.py: 200",
+        "cli/verb_motion.py: 15", "cli/verb_view.py: 8080", "coverage/posterior_check.py: 200",
     },
     "of a frozen dataclass, in a function that makes its default": {
         "simulation/effect_checks.py: 0.0003", "simulation/effect_checks.py: 0.002",
@@ -241,19 +242,23 @@ def test_level_and_replicates_of_intervals_stand_once() -> None:
     assert {name: lines for name, lines in found.items() if lines} == {"intervals.py": once}
 
 
+OF_A_CAMPAIGN = ("ensemble", "posterior", "diagnosis", "prediction", "coverage", "causes")
+"""Rooms that draw for what is asked of a campaign."""
+
+
 @pytest.mark.parametrize(
-    ("room", "source", "streams"),
+    ("rooms", "source", "streams"),
     [
-        ("diagnosis", "observed/random_streams.py", Stream),
-        ("diagnosis", "observed/random_streams.py", MarginStream),
-        ("blind/custodian", "pack_streams.py", PackStream),
+        (OF_A_CAMPAIGN, "ensemble/observed/random_streams.py", Stream),
+        (OF_A_CAMPAIGN, "causes/margins/margin_streams.py", MarginStream),
+        (("blind/custodian",), "blind/custodian/pack_streams.py", PackStream),
     ],
 )
-def test_a_stream_of_random_numbers_has_one_purpose(room, source, streams) -> None:
+def test_a_stream_of_random_numbers_has_one_purpose(rooms, source, streams) -> None:
     """Its name stands in one module, but its number in none."""
     users: dict[str, set[str]] = {one.name: set() for one in streams}
-    for path in (PACKAGE / room).rglob("*.py"):
-        if path == PACKAGE / room / source:
+    for path in (path for room in rooms for path in (PACKAGE / room).rglob("*.py")):
+        if path == PACKAGE / source:
             continue
         text = path.read_text()
         assert not re.search(r"(default_rng|SeedSequence)\(\[\w+, \d", text), path
@@ -262,7 +267,7 @@ def test_a_stream_of_random_numbers_has_one_purpose(room, source, streams) -> No
     assert {name: len(files) for name, files in users.items()} == dict.fromkeys(users, 1)
 
 
-@pytest.mark.parametrize("room", ["diagnosis", "blind"])
+@pytest.mark.parametrize("room", [*OF_A_CAMPAIGN, "blind"])
 def test_a_seed_is_not_reckoned_with(room: str) -> None:
     """Nor drawn from alone, but where nuisances are: the next seed would draw the same again."""
     reckoned = re.compile(r"\b\w*seed\b *[-+*^] *[\w(]|[\w)] *[-+^] *(self\.)?_?seed\b")
@@ -273,7 +278,7 @@ def test_a_seed_is_not_reckoned_with(room: str) -> None:
             if reckoned.search(line) or alone.search(line):
                 found.setdefault(path.name, []).append(line.strip())
     own = "shift = np.random.default_rng(seed).random(count)"
-    assert found == ({"simulator.py": [own]} if room == "diagnosis" else {})
+    assert found == ({"simulator.py": [own]} if room == "ensemble" else {})
 
 
 def test_streams_of_one_seed_have_numbers_of_their_own() -> None:

@@ -13,8 +13,8 @@ from engine_speed import CARRIED, GENTLE, NativeRock, carried, scene_of, settled
 from throughput import Measured
 from vsr2.config.study import BoxRock, Engine, MeshRock, PrismPedestal
 from vsr2.config.study import Contact as ContactConfig
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Responses
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import Responses
 from vsr2.motion import cosine_motion
 from vsr2.scene import Scene, build_pedestal, build_rock
 

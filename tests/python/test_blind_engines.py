@@ -18,8 +18,8 @@ from vsr2.blind.custodian.engine import TrialInput, build_engine
 from vsr2.blind.form.seal import folder_sha256
 from vsr2.blind.mujoco import ContactModel
 from vsr2.config import Study
-from vsr2.diagnosis import DEFAULT_NUISANCES
 from vsr2.effects import library
+from vsr2.ensemble import DEFAULT_NUISANCES
 from vsr2.errors import BlindError, SimulationError
 
 

@@ -36,8 +36,8 @@ from vsr2.campaign import (
     load_campaign,
 )
 from vsr2.config import Study, load_study
-from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
-from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
+from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
+from vsr2.ensemble.simulated.nuisances import MOTION_NOISE
 from vsr2.errors import BlindError
 from vsr2.simulation.run_constants import run_constants
 

@@ -32,9 +32,10 @@ from vsr2.blind.pack_diagnoses import at_tier, uncertainties
 from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, with_deviations
-from vsr2.diagnosis.simulated.cache import KEY
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
+from vsr2.diagnosis import Budget
+from vsr2.ensemble import with_deviations
+from vsr2.ensemble.simulated.cache import KEY
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.errors import BlindError, CampaignError
 
 
@@ -336,9 +337,9 @@ from vsr2.blind import diagnose_pack
 from vsr2.diagnosis import Budget, diagnose
 from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
-from vsr2.diagnosis.noise_floor import NOISE_FLOOR
-from vsr2.diagnosis.posterior.network import NETWORK
-from vsr2.diagnosis.simulated.look import LOOK
+from vsr2.ensemble.noise_floor import NOISE_FLOOR
+from vsr2.posterior.network import NETWORK
+from vsr2.ensemble.simulated.look import LOOK
 from vsr2.effects import library
 # A rough diagnosis will do: what is tested is the way from pack to scores.
 for constants, changes in (

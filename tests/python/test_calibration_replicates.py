@@ -23,7 +23,7 @@ from vsr2.calibration.evaluation import campaign_sha256
 from vsr2.calibration.evaluation_store import joined
 from vsr2.calibration.objective import Objective, objective_of, objective_replicates
 from vsr2.campaign import Campaign, load_campaign
-from vsr2.diagnosis import Execution
+from vsr2.ensemble import Execution
 from vsr2.errors import ConfigError
 
 NAN = np.nan

@@ -17,9 +17,10 @@ from cyclopts import App, CycloptsError
 
 import command_line
 from vsr2.cli.main import app, main
-from vsr2.diagnosis import Budget, Hypotheses, ProtocolCache
+from vsr2.diagnosis import Budget
 from vsr2.diagnosis.budget import SCHEDULE
-from vsr2.diagnosis.pipeline import Progress, Stage
+from vsr2.ensemble import Hypotheses, ProtocolCache
+from vsr2.ensemble.execution import Progress, Stage
 from vsr2.errors import BlindError, DiagnosisError
 from vsr2.report.messages.progress_lines import STAGES, ProgressLines
 

@@ -14,7 +14,7 @@ import pytest
 
 import vsr2
 from vsr2.cli.main import main
-from vsr2.diagnosis import Hypotheses
+from vsr2.ensemble import Hypotheses
 from vsr2.errors import DiagnosisError
 
 STUDY = """\

@@ -17,23 +17,14 @@ from planar.planar_simulator import PlanarSimulator
 from planted import observe, shaken_campaign
 from vsr2.campaign import MeasurementNoise, simulate_campaign
 from vsr2.config import study_from_mapping
-from vsr2.diagnosis import (
-    Budget,
-    Execution,
-    Hypotheses,
-    ProtocolCache,
-    Question,
-    diagnose,
-    diagnose_with,
-    schema,
-    with_deviations,
-)
+from vsr2.diagnosis import Budget, Question, diagnose, diagnose_with, schema
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
-from vsr2.diagnosis.noise_floor import NOISE_FLOOR
-from vsr2.diagnosis.pipeline import Stage
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.effects import library as full_library
+from vsr2.ensemble import Execution, Hypotheses, ProtocolCache, with_deviations
+from vsr2.ensemble.execution import Stage
+from vsr2.ensemble.noise_floor import NOISE_FLOOR
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Request
 from vsr2.errors import DiagnosisError
 from vsr2.simulation import run_batch
 

@@ -8,13 +8,14 @@ import numpy as np
 import pytest
 
 from planar.planar_library import PLANAR_LIBRARY
-from vsr2.diagnosis import Budget, Execution
+from vsr2.diagnosis import Budget
 from vsr2.diagnosis import budget as module
 from vsr2.diagnosis import diagnose as api
 from vsr2.diagnosis.budget import SCHEDULE, Schedule, Stopwatch
 from vsr2.diagnosis.how_far.held_out import simulations
-from vsr2.diagnosis.noise_floor import NOISE_FLOOR
-from vsr2.diagnosis.simulated.look import LOOK, tries
+from vsr2.ensemble import Execution
+from vsr2.ensemble.noise_floor import NOISE_FLOOR
+from vsr2.ensemble.simulated.look import LOOK, tries
 from vsr2.errors import DiagnosisError
 
 COST = 0.01

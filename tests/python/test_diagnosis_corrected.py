@@ -17,8 +17,8 @@ from vsr2.diagnosis.corrected import (
     write_corrected,
     write_draws,
 )
-from vsr2.diagnosis.simulated.library import free_parameters
 from vsr2.effects import Effect, EffectRangeWarning, effect
+from vsr2.ensemble.simulated.library import free_parameters
 from vsr2.errors import DiagnosisError
 from vsr2.fragility import load_fragility
 from vsr2.simulation import study_trials

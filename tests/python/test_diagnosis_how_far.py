@@ -24,11 +24,11 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
 from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge, rows, simulations
 from vsr2.diagnosis.how_far.negative_controls import recalibrated
 from vsr2.diagnosis.how_far.waterfall import FullInference, Waterfall, waterfall
-from vsr2.diagnosis.noise_floor import NOISE_FLOOR, noise_floor
-from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.posterior.training import train
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.simulator import Responses
+from vsr2.ensemble.noise_floor import NOISE_FLOOR, noise_floor
+from vsr2.ensemble.observed.observations import observe_campaign
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.simulator import Responses
+from vsr2.posterior.training import train
 from vsr2.report.messages.verdicts import interval
 
 # --- losses --------------------------------------------------------------------------------------

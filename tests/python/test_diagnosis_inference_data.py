@@ -8,9 +8,10 @@ import numpy as np
 import pytest
 
 from vsr2.cli.options import prior
-from vsr2.diagnosis import Diagnosis, LogUniform, Normal, Uniform
-from vsr2.diagnosis.simulated.library import free_parameters
+from vsr2.diagnosis import Diagnosis
 from vsr2.effects import effect, library
+from vsr2.ensemble import LogUniform, Normal, Uniform
+from vsr2.ensemble.simulated.library import free_parameters
 from vsr2.errors import DiagnosisError
 
 

@@ -14,20 +14,13 @@ from diagnosis_samples import few_effects, few_simulations
 from planted import shaken_campaign
 from vsr2.campaign import Campaign, save_campaign
 from vsr2.config import Study, load_study, study_from_mapping
-from vsr2.diagnosis import (
-    DEFAULT_NUISANCES,
-    Budget,
-    Diagnosis,
-    Execution,
-    Hypotheses,
-    iterate,
-    with_deviations,
-)
+from vsr2.diagnosis import Budget, Diagnosis, iterate
 from vsr2.diagnosis.corrected import with_correction, write_corrected
 from vsr2.diagnosis.iteration import Asked, Ended
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import effect, library
+from vsr2.ensemble import DEFAULT_NUISANCES, Execution, Hypotheses, with_deviations
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import Request
 from vsr2.errors import DiagnosisError
 from vsr2.report.messages.commands import iteration_table
 

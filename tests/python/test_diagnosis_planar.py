@@ -15,8 +15,8 @@ from planar.planar_block import (
 from planar.planar_library import PLANAR_LIBRARY
 from planar.planar_simulator import PlanarSimulator
 from planted import shaken_campaign
-from vsr2.diagnosis.observed.features import TILT_FEATURES
-from vsr2.diagnosis.simulated.simulator import Request
+from vsr2.ensemble.observed.features import TILT_FEATURES
+from vsr2.ensemble.simulated.simulator import Request
 
 B, H = 0.2, 0.5
 ALPHA = np.arctan2(B, H)

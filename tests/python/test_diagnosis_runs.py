@@ -18,10 +18,11 @@ from planted import shaken_campaign
 from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, Hypotheses, diagnose, schema
-from vsr2.diagnosis.simulated.scene_simulator import SceneSimulator
-from vsr2.diagnosis.simulated.simulator import Request
+from vsr2.diagnosis import Budget, diagnose, schema
 from vsr2.effects import library
+from vsr2.ensemble import Hypotheses
+from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
+from vsr2.ensemble.simulated.simulator import Request
 
 SCENE = """
 name: box

@@ -10,11 +10,6 @@ import pytest
 
 from planted import shaken_campaign
 from vsr2.codes import Statement
-from vsr2.diagnosis.observed.observations import observe_campaign
-from vsr2.diagnosis.observed.random_streams import Stream, generator
-from vsr2.diagnosis.posterior.naming import NamingLimits, candidates, decide
-from vsr2.diagnosis.posterior.sets import Sets, declared_alike
-from vsr2.diagnosis.simulated.library import free_parameters
 from vsr2.diagnosis.verdict.compose import _estimate, _samples, shown, unrolled
 from vsr2.diagnosis.verdict.limits import (
     LIMITS,
@@ -40,6 +35,11 @@ from vsr2.diagnosis.verdict.rules import Verdict, verdict_of
 from vsr2.diagnosis.verdict.statements import GapState, LimitCode, ReasonCode, VerdictKind
 from vsr2.diagnosis.where.scan import OUTCOME, Location, LocationKind, Third
 from vsr2.effects import library as full_library
+from vsr2.ensemble.observed.observations import observe_campaign
+from vsr2.ensemble.observed.random_streams import Stream, generator
+from vsr2.ensemble.simulated.library import free_parameters
+from vsr2.posterior.naming import NamingLimits, candidates, decide
+from vsr2.posterior.sets import Sets, declared_alike
 
 
 def verdict_with(kind, *effects):

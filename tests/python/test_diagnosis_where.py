@@ -8,8 +8,6 @@ import numpy as np
 import pytest
 
 from planted import shaken_campaign
-from vsr2.diagnosis.observed.features import LARGEST_TILT
-from vsr2.diagnosis.observed.observations import observe_campaign
 from vsr2.diagnosis.where.locations import where_it_lies
 from vsr2.diagnosis.where.scan import (
     OUTCOME,
@@ -19,6 +17,8 @@ from vsr2.diagnosis.where.scan import (
     interleaved,
     scan,
 )
+from vsr2.ensemble.observed.features import LARGEST_TILT
+from vsr2.ensemble.observed.observations import observe_campaign
 from vsr2.motion import Record
 
 

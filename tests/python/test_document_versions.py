@@ -20,15 +20,16 @@ from vsr2.blind.form.seal import KEY_SCHEMA, PACK_SCHEMA
 from vsr2.blind.pack_diagnoses import SUBMISSION_SCHEMA
 from vsr2.campaign.description import SCHEMA as CAMPAIGN_SCHEMA
 from vsr2.campaign.description import campaign_schema
-from vsr2.diagnosis import causes_schema, schema
-from vsr2.diagnosis.coverage.coverage_scores import coverage_scores
-from vsr2.diagnosis.coverage.judged import Judged, RankOf
+from vsr2.causes import causes_schema
+from vsr2.causes.causes_schema import CAUSES_SCHEMA
+from vsr2.coverage.coverage_scores import coverage_scores
+from vsr2.coverage.judged import Judged, RankOf
+from vsr2.coverage.posterior_check import SCHEMA as CHECK_SCHEMA
+from vsr2.coverage.posterior_check import PosteriorCheck
+from vsr2.diagnosis import schema
 from vsr2.diagnosis.iteration import ITERATION_SCHEMA, Ended
-from vsr2.diagnosis.posterior.naming import VerdictKind
-from vsr2.diagnosis.posterior_check import SCHEMA as CHECK_SCHEMA
-from vsr2.diagnosis.posterior_check import PosteriorCheck
-from vsr2.diagnosis.verdict.causes_schema import CAUSES_SCHEMA
 from vsr2.diagnosis.verdict.document import SCHEMA
+from vsr2.posterior.naming import VerdictKind
 from vsr2.results.result_folder import FORMAT, FORMAT_VERSION
 
 ROOT = Path(__file__).resolve().parents[2]

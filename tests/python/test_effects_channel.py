@@ -10,8 +10,8 @@ import numpy as np
 import pytest
 
 from vsr2.config.motion_source import Filter
-from vsr2.diagnosis.simulated.library import free_parameters, sides, values_at
 from vsr2.effects import apply_effects, effect
+from vsr2.ensemble.simulated.library import free_parameters, sides, values_at
 from vsr2.errors import ConfigError, MotionError
 from vsr2.motion import ChannelNoise, Motion, Noise, Record, Recorded
 from vsr2.motion.processing import differentiate

@@ -9,20 +9,16 @@ import pytest
 
 from diagnosis_samples import made_trials
 from planted import shaken_campaign
+from vsr2.causes.margins.margin_search import _parts
 from vsr2.config import study_from_mapping
-from vsr2.diagnosis import Hypotheses
-from vsr2.diagnosis.margins.margin_search import _parts
-from vsr2.diagnosis.simulated.scene_simulator import (
-    KEPT_MOTIONS,
-    KEPT_SCENES,
-    SceneSimulator,
-)
-from vsr2.diagnosis.simulated.simulator import Request
 from vsr2.effects import each_with_effects, effect, in_order
 from vsr2.effects.actuation import InputFilter, TableGain
 from vsr2.effects.apply import MadeEarlier, Sought
 from vsr2.effects.geometry import EdgeRounding
 from vsr2.effects.rounding import _PAIRS, _touching
+from vsr2.ensemble import Hypotheses
+from vsr2.ensemble.simulated.scene_simulator import KEPT_MOTIONS, KEPT_SCENES, SceneSimulator
+from vsr2.ensemble.simulated.simulator import Request
 from vsr2.trial import Trial
 
 NAMES = ("edge_rounding", "friction", "input_filter", "table_gain", "table_resonance", "placement")

@@ -18,7 +18,11 @@ def below(kind: type) -> set[type]:
 
 
 def test_no_dataclass_writes_a_repr_of_its_own() -> None:
-    for room in ("campaign", "scene", "results", "diagnosis", "fragility", "simulation", "trial"):
+    rooms = (
+        "campaign", "scene", "results", "ensemble", "posterior", "diagnosis", "prediction",
+        "coverage", "causes", "fragility", "simulation", "trial",
+    )  # fmt: skip
+    for room in rooms:
         found = importlib.import_module(f"vsr2.{room}")
         for module in pkgutil.walk_packages(found.__path__, f"{found.__name__}."):
             importlib.import_module(module.name)

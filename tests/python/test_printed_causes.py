@@ -12,10 +12,10 @@ import pytest
 
 from planted import shaken_campaign
 from vsr2.campaign import save_campaign
+from vsr2.causes.margins.simulated_scenes import SCENES
 from vsr2.cli.main import main
-from vsr2.diagnosis import Hypotheses
-from vsr2.diagnosis.margins.simulated_scenes import SCENES
-from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
+from vsr2.ensemble import Hypotheses
+from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY
 from vsr2.errors import DiagnosisError
 
 ROOT = Path(__file__).resolve().parents[2]
@@ -38,7 +38,7 @@ def asked(monkeypatch: pytest.MonkeyPatch) -> dict[str, Any]:
         found.update(how)
         raise DiagnosisError("seen enough")
 
-    monkeypatch.setattr("vsr2.diagnosis.find_causes", stop)
+    monkeypatch.setattr("vsr2.causes.find_causes", stop)
     return found
 
 

@@ -17,8 +17,8 @@ import pytest
 
 from vsr2 import _native
 from vsr2.calibration import Evaluation, EvaluationStore
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.simulator import Request, Responses
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.simulator import Request, Responses
 from vsr2.errors import ResultError
 from vsr2.results import (
     FLOAT_COLUMNS,

@@ -17,18 +17,18 @@ KINDS = ("Constants", "Rules")
 """Ends of the names of dataclasses that hold chosen numbers."""
 RESULTS = {
     "a batch": ("simulation.batch", "simulation.run_constants.run_constants"),
-    "a diagnosis": ("diagnosis.api", "diagnosis.constants.diagnosis_constants"),
+    "a diagnosis": ("diagnosis.api", "diagnosis.diagnosis_constants.diagnosis_constants"),
     "a check of a posterior": (
-        "diagnosis.posterior_check",
-        "diagnosis.posterior_check.check_constants",
+        "coverage.posterior_check",
+        "coverage.posterior_check.check_constants",
     ),
     "a comparison with a reference": (
-        "diagnosis.reference_campaign",
-        "diagnosis.reference_campaign.reference_constants",
+        "ensemble.reference_campaign",
+        "ensemble.reference_campaign.reference_constants",
     ),
-    "a prediction": ("diagnosis.prediction", "diagnosis.prediction.prediction_constants"),
-    "causes": ("diagnosis.causes", "diagnosis.causes.causes_constants"),
-    "an iteration": ("diagnosis.iteration", "diagnosis.constants.diagnosis_constants"),
+    "a prediction": ("prediction.prediction", "prediction.prediction.prediction_constants"),
+    "causes": ("causes.causes", "causes.causes.causes_constants"),
+    "an iteration": ("diagnosis.iteration", "diagnosis.diagnosis_constants.diagnosis_constants"),
     "a calibration": ("calibration.calibrate", "calibration.calibrate.calibration_constants"),
     "a fragility study": ("fragility.run", "fragility.run.fragility_constants"),
     "a comparison of time steps": (

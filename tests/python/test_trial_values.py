@@ -20,10 +20,10 @@ from vsr2.analysis.intervals import resampled
 from vsr2.campaign import simulate_campaign
 from vsr2.campaign.folds import grouped_folds, motion_resamples
 from vsr2.config.study import Output, Study
+from vsr2.coverage.planted_campaigns import draw_planted
 from vsr2.diagnosis.corrected import drawn_studies
-from vsr2.diagnosis.coverage.planted_campaigns import draw_planted
-from vsr2.diagnosis.reference_campaign import compare_reference
 from vsr2.effects import EffectRangeWarning, apply_effects
+from vsr2.ensemble.reference_campaign import compare_reference
 from vsr2.errors import (
     CampaignError,
     ConfigError,

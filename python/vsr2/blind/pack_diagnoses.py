@@ -33,22 +33,11 @@ from vsr2.codes import Statement
 from vsr2.config import load_study
 from vsr2.config.problems import shown
 from vsr2.config.seeds import checked_seed
-from vsr2.diagnosis import (
-    Budget,
-    Diagnosis,
-    Execution,
-    Hypotheses,
-    Nuisance,
-    ProtocolCache,
-    with_deviations,
-)
-from vsr2.diagnosis.observed.observations import (
-    observe_campaign,
-    same_trials,
-    series_sampling,
-)
-from vsr2.diagnosis.simulated.nuisances import with_stated
+from vsr2.diagnosis import Budget, Diagnosis
 from vsr2.effects import check_study_effects, library
+from vsr2.ensemble import Execution, Hypotheses, Nuisance, ProtocolCache, with_deviations
+from vsr2.ensemble.observed.observations import observe_campaign, same_trials, series_sampling
+from vsr2.ensemble.simulated.nuisances import with_stated
 from vsr2.errors import BlindError, Vsr2Error
 from vsr2.near_words import NEAR, near_words
 

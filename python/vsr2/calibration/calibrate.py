@@ -40,8 +40,8 @@ from vsr2.calibration.search import (
 )
 from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resamples
 from vsr2.config.extended import Plain
-from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
-from vsr2.diagnosis.simulated.simulator import SIMULATION
+from vsr2.ensemble.simulated.nuisances import MOTION_NOISE
+from vsr2.ensemble.simulated.simulator import SIMULATION
 from vsr2.errors import CampaignError, ResultError
 from vsr2.results import base_provenance
 from vsr2.simulation.run_constants import run_constants

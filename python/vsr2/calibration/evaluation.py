@@ -22,11 +22,11 @@ from vsr2.campaign import Campaign
 from vsr2.config.extended import Plain
 from vsr2.config.motion_source import AllRecordings
 from vsr2.config.study import Study
-from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
-from vsr2.diagnosis.simulated.nuisance_draws import NuisanceDraws
-from vsr2.diagnosis.simulated.nuisances import DEFAULT_NUISANCES
-from vsr2.diagnosis.simulated.scene_effects import SceneEffects
 from vsr2.effects import apply_effects
+from vsr2.ensemble import DEFAULT_NUISANCES
+from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY
+from vsr2.ensemble.simulated.nuisance_draws import NuisanceDraws
+from vsr2.ensemble.simulated.scene_effects import SceneEffects
 from vsr2.errors import CampaignError, MotionError
 from vsr2.motion import ChannelNoise, Motion, Noise, build_recorded_motion, channel_noise
 from vsr2.results import has_journal, prepare_folder

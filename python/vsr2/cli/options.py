@@ -16,8 +16,8 @@ if TYPE_CHECKING:
     import distributed
 
     from vsr2.config import Study as StudySettings
-    from vsr2.diagnosis import Execution, Nuisance
-    from vsr2.diagnosis.simulated.nuisances import Distribution
+    from vsr2.ensemble import Execution, Nuisance
+    from vsr2.ensemble.simulated.nuisances import Distribution
     from vsr2.results import BatchResult
 
     Prior = Distribution | tuple[float, float]
@@ -195,7 +195,7 @@ def work_folder(folder: Path, own: Sequence[str], what: str, options: Again) -> 
 
 def execution(options: Work, client: distributed.Client | None, verb: str) -> Execution:
     """How a verb of a diagnosis simulates, what it keeps, and how it reports progress."""
-    from vsr2.diagnosis import Execution, ProtocolCache
+    from vsr2.ensemble import Execution, ProtocolCache
     from vsr2.report.messages.progress_lines import ProgressLines
 
     return Execution(
@@ -273,7 +273,7 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
     Raises:
         ConfigError: no NAME=SD, or an unknown name.
     """
-    from vsr2.diagnosis import DEFAULT_NUISANCES, with_deviations
+    from vsr2.ensemble import DEFAULT_NUISANCES, with_deviations
     from vsr2.errors import ConfigError, DiagnosisError
     from vsr2.near_words import nearest
 
@@ -304,7 +304,7 @@ def prior(text: str) -> tuple[str, Prior]:
     Raises:
         ConfigError: it is no prior.
     """
-    from vsr2.diagnosis import LogUniform, Normal, Uniform
+    from vsr2.ensemble import LogUniform, Normal, Uniform
     from vsr2.errors import ConfigError
 
     key, _, given = text.partition("=")

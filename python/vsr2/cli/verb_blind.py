@@ -14,7 +14,8 @@ from vsr2.blind.pack_diagnoses import BUDGET as USUAL
 from vsr2.cli import options as opt
 from vsr2.cli.exclusive_options import one_of
 from vsr2.codes import Tier
-from vsr2.diagnosis import Budget, Execution
+from vsr2.diagnosis import Budget
+from vsr2.ensemble import Execution
 
 verbs = App(name="blind")
 BUDGET = Group("Budget (one of)", validator=one_of)
@@ -53,7 +54,7 @@ def _settings(made_of: Any, engines: tuple[str, ...], effects: tuple[str, ...]) 
     Raises:
         BlindError: `vsr2 blind diagnose` would refuse campaigns of this size.
     """
-    from vsr2.diagnosis.observed.observations import OBSERVED
+    from vsr2.ensemble.observed.observations import OBSERVED
     from vsr2.errors import BlindError
 
     chosen = vars(made_of).copy()

@@ -137,8 +137,9 @@ def compare(
         seed: of the draws
     """
     from vsr2.campaign import load_campaign
-    from vsr2.diagnosis import Hypotheses
-    from vsr2.diagnosis.reference_campaign import compare_reference, reference_constants
+    from vsr2.diagnosis.diagnosis_constants import diagnosis_constants
+    from vsr2.ensemble import Hypotheses
+    from vsr2.ensemble.reference_campaign import compare_reference, reference_constants
     from vsr2.report.messages.commands import reference_table
 
     study = opt.scene(scene, set)
@@ -150,7 +151,8 @@ def compare(
         seed=seed,
     )
     if json:
-        opt.print_json({"constants": reference_constants(), "measures": found})
+        constants = {**reference_constants(), **diagnosis_constants()}
+        opt.print_json({"constants": constants, "measures": found})
     else:
         print(reference_table(found))
     return int(any(one.differs for one in found))
@@ -213,9 +215,9 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
     import numpy as np
 
     from vsr2.campaign import load_campaign
-    from vsr2.diagnosis import Hypotheses
-    from vsr2.diagnosis import predict as predicted
-    from vsr2.diagnosis.prediction import WORK_FILES
+    from vsr2.ensemble import Hypotheses
+    from vsr2.prediction import predict as predicted
+    from vsr2.prediction.prediction import WORK_FILES
     from vsr2.report.messages.commands import prediction_table
     from vsr2.report.messages.written import wrote
 
@@ -281,9 +283,10 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
         scene: study of the scene
     """
     from vsr2.campaign import load_campaign
-    from vsr2.diagnosis import Hypotheses, find_causes
-    from vsr2.diagnosis.causes import FILES
-    from vsr2.diagnosis.simulated.contact_family import CONTACT_FAMILY
+    from vsr2.causes import find_causes
+    from vsr2.causes.causes import FILES
+    from vsr2.ensemble import Hypotheses
+    from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY
     from vsr2.report.causes_figure import write_causes_figure
     from vsr2.report.messages.commands import few_draws
     from vsr2.report.messages.found_causes import causes_text

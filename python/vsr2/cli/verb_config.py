@@ -127,7 +127,7 @@ def time_step(
 
     from vsr2.analysis import compare_time_steps, longest_time_step
     from vsr2.analysis.time_steps import TIME_STEPS, time_step_constants
-    from vsr2.diagnosis.pipeline import Progress, Stage
+    from vsr2.ensemble.execution import Progress, Stage
     from vsr2.errors import ConfigError
     from vsr2.report.messages.commands import time_step_table
     from vsr2.report.messages.progress_lines import ProgressLines

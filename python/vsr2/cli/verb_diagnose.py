@@ -15,7 +15,8 @@ from vsr2.errors import ConfigError
 
 if TYPE_CHECKING:
     from vsr2.config import Study
-    from vsr2.diagnosis import Diagnosis, Hypotheses
+    from vsr2.diagnosis import Diagnosis
+    from vsr2.ensemble import Hypotheses
 
 BUDGET = Group("Budget (one of)", validator=one_of)
 
@@ -177,7 +178,7 @@ def _refuse_without_use(effort: Effort) -> None:
 
 def _hypotheses(question: QuestionOptions) -> Hypotheses:
     from vsr2.campaign import load_campaign
-    from vsr2.diagnosis import Hypotheses
+    from vsr2.ensemble import Hypotheses
 
     return Hypotheses(
         exclude=question.exclude,
@@ -192,7 +193,7 @@ def _check(
     campaign: Path, scene: Path, out: Path, question: QuestionOptions, effort: Effort
 ) -> int:
     """Planted campaigns against the posterior of a finished diagnosis."""
-    from vsr2.diagnosis import check_posterior
+    from vsr2.coverage import check_posterior
     from vsr2.report.messages.posterior_checks import check_sentences
     from vsr2.report.messages.written import wrote
     from vsr2.report.posterior_check_figure import write_check_figure

@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
@@ -13,47 +11,17 @@ from vsr2.config import Study, load_study
 from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis.budget import Budget
 from vsr2.diagnosis.corrected import with_correction, write_corrected
-from vsr2.diagnosis.observed.features import Sampling
-from vsr2.diagnosis.observed.observations import Observations, observe_campaign
-from vsr2.diagnosis.pipeline import Question, Report, diagnose_with
-from vsr2.diagnosis.protocol_cache import ProtocolCache
-from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES, SceneSimulator
+from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.verdict.document import FILE, Diagnosis
 from vsr2.effects import check_study_effects
+from vsr2.ensemble.execution import EXECUTION, Execution, made_folder, simulator_of
+from vsr2.ensemble.observed.observations import Observations, observe_campaign
+from vsr2.ensemble.simulated.hypotheses import Hypotheses
+from vsr2.ensemble.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.errors import DiagnosisError
 from vsr2.results import refuse_other_work
 
-if TYPE_CHECKING:
-    import distributed
-
-
-@checked_names(DiagnosisError)
-@dataclass(frozen=True)
-class Execution:
-    """How a diagnosis runs, none of which changes what it finds.
-
-    Attributes:
-        threads: of the native core; None: all that this process may use.
-        client: of a Dask cluster that runs the trials.
-        cache: folder that diagnoses of several campaigns of the same trials share: simulate and
-            train once.
-        report: gets stage, share done, time left and leading effects as it goes on.
-    """
-
-    threads: int | None = None
-    client: distributed.Client | None = None
-    cache: ProtocolCache | None = None
-    report: Report | None = None
-
-    def __post_init__(self) -> None:
-        if self.threads is not None and self.threads < 1:
-            raise DiagnosisError(
-                f"threads is {self.threads}; give at least 1, or leave it out for all"
-            )
-
-
-BUDGET, EXECUTION = Budget(), Execution()
+BUDGET = Budget()
 
 
 @checked_names(DiagnosisError)
@@ -160,44 +128,3 @@ def scene_simulator(
     if not set(simulator.library) - set(simulator.excluded):
         raise DiagnosisError("no effect is left to look for: exclude fewer")
     return simulator
-
-
-def simulator_of(
-    campaign: Campaign,
-    study: Study,
-    hypotheses: Hypotheses,
-    execution: Execution,
-    seed: int,
-    *,
-    series: bool = False,
-) -> SceneSimulator:
-    """Simulator of a campaign's trials; `series`: with those of the tilt, though no cache asks."""
-    cache = execution.cache
-    if cache is not None and (series or cache.series):
-        series_of: bool | Sampling = cache.sampling or True
-    else:
-        series_of = series
-    return SceneSimulator(
-        campaign,
-        study,
-        hypotheses=hypotheses,
-        series=series_of,
-        threads=execution.threads,
-        client=execution.client,
-        seed=seed,
-    )
-
-
-def made_folder(folder: Path) -> Path:
-    """A folder for results, made where it is not there.
-
-    Raises:
-        DiagnosisError: it cannot be used.
-    """
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise DiagnosisError(
-            f"{folder}: cannot be used ({error.strerror}); choose another folder"
-        ) from error
-    return folder

@@ -11,10 +11,10 @@ from vsr2.argument_names import checked_names
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
 from vsr2.diagnosis.how_far.held_out import simulations as judging
 from vsr2.diagnosis.how_far.waterfall import simulations as waterfall_simulations
-from vsr2.diagnosis.noise_floor import NOISE_FLOOR
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.library import Library
-from vsr2.diagnosis.simulated.look import LOOK, most_tried, tries
+from vsr2.ensemble.noise_floor import NOISE_FLOOR
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.library import Library
+from vsr2.ensemble.simulated.look import LOOK, most_tried, tries
 from vsr2.errors import DiagnosisError
 
 

@@ -14,13 +14,13 @@ from numpy.typing import NDArray
 
 from vsr2.config import Study, dump_study
 from vsr2.config.seeds import checked_seed
-from vsr2.diagnosis.observed.random_streams import Stream, generator
-from vsr2.diagnosis.posterior.parameters import PARAMETERS
-from vsr2.diagnosis.simulated.library import Library, free_parameters, is_angle, turn_of
 from vsr2.diagnosis.verdict.document import Diagnosis
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.effects import Effect, EffectRangeWarning, check_study_effects, effect
+from vsr2.ensemble.observed.random_streams import Stream, generator
+from vsr2.ensemble.simulated.library import Library, free_parameters, is_angle, turn_of
 from vsr2.errors import ConfigError, DiagnosisError, ResultError
+from vsr2.posterior.parameters import PARAMETERS
 from vsr2.results.atomic import make_folder, write_text
 
 CORRECTED_FILE = "corrected.yaml"

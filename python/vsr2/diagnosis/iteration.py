@@ -15,7 +15,7 @@ from vsr2 import _native
 from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, dump_study, load_study
-from vsr2.diagnosis.api import BUDGET, EXECUTION, Execution, diagnose, made_folder
+from vsr2.diagnosis.api import BUDGET, diagnose
 from vsr2.diagnosis.budget import SCHEDULE, Budget
 from vsr2.diagnosis.corrected import (
     CORRECTED_FILE,
@@ -24,9 +24,6 @@ from vsr2.diagnosis.corrected import (
     corrected_study,
     scene_head,
 )
-from vsr2.diagnosis.protocol_cache import POSTERIORS, SIMULATIONS
-from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.scene_simulator import HYPOTHESES
 from vsr2.diagnosis.verdict.document import (
     CHECK_FILES,
     FILE,
@@ -37,7 +34,12 @@ from vsr2.diagnosis.verdict.document import (
 )
 from vsr2.effects import check_study_effects
 from vsr2.effects.own_code import own_code
+from vsr2.ensemble.execution import EXECUTION, Execution, made_folder
+from vsr2.ensemble.protocol_cache import SIMULATIONS
+from vsr2.ensemble.simulated.hypotheses import Hypotheses
+from vsr2.ensemble.simulated.scene_simulator import HYPOTHESES
 from vsr2.errors import DiagnosisError
+from vsr2.posterior.files import POSTERIORS
 from vsr2.results.atomic import write_text
 
 IterationSchema = Literal["vsr2.iteration/1"]

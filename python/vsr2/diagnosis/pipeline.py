@@ -4,9 +4,8 @@ from __future__ import annotations
 
 import logging
 import time
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
-from enum import StrEnum
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
@@ -15,73 +14,37 @@ from numpy.typing import NDArray
 
 from vsr2.campaign import Campaign, Tier
 from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule, Stopwatch
-from vsr2.diagnosis.constants import diagnosis_constants
+from vsr2.diagnosis.diagnosis_constants import diagnosis_constants
 from vsr2.diagnosis.how_far.held_out import HowFar, Loss, judge
 from vsr2.diagnosis.how_far.waterfall import FullInference, Waterfall, waterfall
-from vsr2.diagnosis.noise_floor import noise_floor
-from vsr2.diagnosis.observed.observations import (
-    Observations,
-    observe_campaign,
-    same_trials,
-)
-from vsr2.diagnosis.posterior.calibration import label_probability
-from vsr2.diagnosis.posterior.files import load_posterior, save_posterior
-from vsr2.diagnosis.posterior.training import Found, Posterior, train
-from vsr2.diagnosis.protocol_cache import ProtocolCache
-from vsr2.diagnosis.simulated.cache import SimulationCache
-from vsr2.diagnosis.simulated.campaigns import (
-    Campaigns,
-    insensitive,
-    plain_campaigns,
-    simulate_campaigns,
-)
-from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
-from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
-from vsr2.diagnosis.simulated.linear_algebra import one_blas_thread
-from vsr2.diagnosis.simulated.look import Look, look
-from vsr2.diagnosis.simulated.simulator import Request, Simulator
 from vsr2.diagnosis.verdict.compose import Evidence, compose
 from vsr2.diagnosis.verdict.document import Diagnosis
 from vsr2.diagnosis.verdict.rules import Verdict, verdict_of
 from vsr2.diagnosis.verdict.statements import BudgetState
 from vsr2.diagnosis.where.locations import where_it_lies
+from vsr2.ensemble.execution import Progress, Report, Stage
+from vsr2.ensemble.noise_floor import noise_floor
+from vsr2.ensemble.observed.observations import Observations, observe_campaign, same_trials
+from vsr2.ensemble.protocol_cache import ProtocolCache
+from vsr2.ensemble.simulated.cache import SimulationCache
+from vsr2.ensemble.simulated.campaigns import (
+    Campaigns,
+    insensitive,
+    plain_campaigns,
+    simulate_campaigns,
+)
+from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
+from vsr2.ensemble.simulated.library import NONE, UNKNOWN
+from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
+from vsr2.ensemble.simulated.look import Look, look
+from vsr2.ensemble.simulated.simulator import Request, Simulator
 from vsr2.errors import DiagnosisError
 from vsr2.one_line import counted
+from vsr2.posterior.calibration import label_probability
+from vsr2.posterior.files import load_posterior, posterior_file, save_posterior
+from vsr2.posterior.training import Found, Posterior, train
 
 _logger = logging.getLogger(__name__)
-
-
-class Stage(StrEnum):
-    """What a diagnosis is at; `vsr2.report.messages.progress_lines` words it."""
-
-    LOOK = "look"
-    SIMULATION = "simulation"
-    TRAINING = "training"
-    JUDGEMENT = "judgement"
-    WATERFALL = "waterfall"
-    MARGINS = "margins"
-    INFERENCE = "inference"
-    PLANTED = "planted"
-
-
-@dataclass(frozen=True)
-class Progress:
-    """How far a diagnosis is.
-
-    Attributes:
-        stage: what it is at.
-        share: done of that.
-        left_s: time left to the end of the diagnosis; NaN: not known [s].
-        leading: probabilities of what leads, so far.
-    """
-
-    stage: Stage
-    share: float
-    left_s: float = np.nan
-    leading: Mapping[str, float] = field(default_factory=dict)
-
-
-Report = Callable[[Progress], None]
 
 
 @dataclass(frozen=True)
@@ -361,8 +324,9 @@ class _Work:
 
     def _path(self, cache: ProtocolCache, campaigns: int) -> Path:
         asked = self.question
-        return cache.posterior(
-            self.store.simulator.identity, self.seen, campaigns, asked.seed, asked.most_effects
+        identity = self.store.simulator.identity
+        return posterior_file(
+            cache.folder, identity, self.seen, campaigns, asked.seed, asked.most_effects
         )
 
     def _trained(self, campaigns: Campaigns, trials: NDArray[np.int64], done: int) -> Posterior:

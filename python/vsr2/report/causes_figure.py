@@ -6,7 +6,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from vsr2.diagnosis.causes import FIGURE
+from vsr2.causes.causes import FIGURE
 from vsr2.report.diagnosis_figures import BLUE, GREY, INK, RED
 from vsr2.report.messages.figure_titles import closed_title
 from vsr2.report.messages.found_causes import CONTROL_LABELS, waterfall_steps
@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from vsr2.diagnosis import Causes
+    from vsr2.causes import Causes
 
 _SHOWN = 10
 """Effects in the figure, the most probable ones."""

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from itertools import pairwise
 from typing import TYPE_CHECKING, Any
 
-from vsr2.diagnosis.observed.features import Phase
 from vsr2.diagnosis.where.scan import SCAN, LocationKind
+from vsr2.ensemble.observed.features import Phase
 from vsr2.report.messages.figure_titles import NO_MEASURES
 from vsr2.report.messages.verdicts import location, phase
 from vsr2.report.pages import plain

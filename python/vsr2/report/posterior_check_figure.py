@@ -7,9 +7,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from vsr2.diagnosis.coverage.coverage_scores import LEVELS, CoverageScores
-from vsr2.diagnosis.posterior.calibration import CALIBRATED
+from vsr2.coverage.coverage_scores import LEVELS, CoverageScores
 from vsr2.diagnosis.verdict.document import CHECK_FIGURE
+from vsr2.posterior.calibration import CALIBRATED
 from vsr2.report.diagnosis_figures import BLUE, GREY, INK, RED
 from vsr2.report.messages.figure_titles import answers_title, ranks_title
 from vsr2.report.panels import legend_below, save_figure, sheet
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from vsr2.analysis.intervals import Score
-    from vsr2.diagnosis import PosteriorCheck
+    from vsr2.coverage import PosteriorCheck
 
 
 def write_check_figure(found: PosteriorCheck, folder: str | Path) -> Path:

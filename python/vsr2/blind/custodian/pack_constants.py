@@ -16,8 +16,8 @@ from vsr2.blind.mujoco.mujoco_effects import ROUGH_BASE
 from vsr2.blind.mujoco.mujoco_trial import TRIAL
 from vsr2.blind.mujoco.rigid_body import HULL
 from vsr2.blind.mujoco.step_actions import MECHANISMS
-from vsr2.diagnosis.simulated.hypotheses import HYPOTHESIS
-from vsr2.diagnosis.simulated.nuisances import MOTION_NOISE
+from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
+from vsr2.ensemble.simulated.nuisances import MOTION_NOISE
 from vsr2.simulation.run_constants import run_constants
 
 

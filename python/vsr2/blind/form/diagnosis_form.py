@@ -23,10 +23,10 @@ from vsr2.blind.form.reader import (
 )
 from vsr2.blind.form.seal import read_json
 from vsr2.config.problems import shown
-from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.verdict.document import SCHEMA
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.diagnosis.where.scan import LocationAxis
+from vsr2.ensemble.simulated.library import NONE, UNKNOWN
 from vsr2.errors import BlindError
 
 DIAGNOSIS_FILE = "diagnosis.json"

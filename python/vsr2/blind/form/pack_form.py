@@ -22,10 +22,10 @@ from vsr2.blind.form.reader import (
 )
 from vsr2.campaign import TIERS, Tier
 from vsr2.campaign.faults import id_fault
-from vsr2.diagnosis.simulated.hypotheses import Hypotheses
-from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
-from vsr2.diagnosis.simulated.nuisances import Distribution, Nuisance, distribution
 from vsr2.effects import library
+from vsr2.ensemble import Hypotheses, Nuisance
+from vsr2.ensemble.simulated.library import NONE, UNKNOWN
+from vsr2.ensemble.simulated.nuisances import Distribution, distribution
 from vsr2.errors import ConfigError, DiagnosisError
 
 ANSWERS = (NONE, UNKNOWN)

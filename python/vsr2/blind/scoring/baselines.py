@@ -17,8 +17,8 @@ from vsr2.blind.form.seal import sealed_classes
 from vsr2.blind.scoring.cases import Case, class_label
 from vsr2.blind.scoring.metadata import metadata
 from vsr2.campaign import Campaign, load_campaign
-from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.verdict.statements import VerdictKind
+from vsr2.ensemble.simulated.library import NONE, UNKNOWN
 
 Array = NDArray[np.float64]
 

@@ -23,9 +23,9 @@ from vsr2.analysis.intervals import (
 from vsr2.blind.form.pack_form import EffectAxis
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.scoring.cases import Case, groups
-from vsr2.diagnosis.simulated.library import NONE, UNKNOWN
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.diagnosis.where.scan import LocationAxis
+from vsr2.ensemble.simulated.library import NONE, UNKNOWN
 
 Array = NDArray[np.float64]
 

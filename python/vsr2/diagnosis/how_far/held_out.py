@@ -36,13 +36,13 @@ from vsr2.diagnosis.how_far.negative_controls import (
     with_change_of,
     wrong_partners,
 )
-from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.observed.random_streams import Stream, generator
-from vsr2.diagnosis.posterior.training import Posterior
-from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
-from vsr2.diagnosis.simulated.library import free_parameters
-from vsr2.diagnosis.simulated.simulator import Effects, Request
 from vsr2.effects import Effect
+from vsr2.ensemble.observed.observations import Observations
+from vsr2.ensemble.observed.random_streams import Stream, generator
+from vsr2.ensemble.simulated.cache import Progress, SimulationCache
+from vsr2.ensemble.simulated.library import free_parameters
+from vsr2.ensemble.simulated.simulator import Effects, Request
+from vsr2.posterior.training import Posterior
 
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.random_streams import Stream, generator
+from vsr2.ensemble.observed.random_streams import Stream, generator
 
 Array = NDArray[np.float64]
 

@@ -31,12 +31,12 @@ from vsr2.diagnosis.how_far.held_out import (
     motion_groups,
     parameter_values,
 )
-from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.observed.random_streams import Stream, generator
-from vsr2.diagnosis.posterior.training import Found, Posterior, train
-from vsr2.diagnosis.simulated.cache import Progress, SimulationCache
-from vsr2.diagnosis.simulated.campaigns import Campaigns
-from vsr2.diagnosis.simulated.simulator import Effects
+from vsr2.ensemble.observed.observations import Observations
+from vsr2.ensemble.observed.random_streams import Stream, generator
+from vsr2.ensemble.simulated.cache import Progress, SimulationCache
+from vsr2.ensemble.simulated.campaigns import Campaigns
+from vsr2.ensemble.simulated.simulator import Effects
+from vsr2.posterior.training import Found, Posterior, train
 
 Array = NDArray[np.float64]
 

@@ -13,11 +13,6 @@ from numpy.typing import NDArray
 from vsr2.analysis.intervals import INTERVALS
 from vsr2.diagnosis.how_far.held_out import CONTROLS, HowFar, Loss, rows
 from vsr2.diagnosis.how_far.waterfall import Waterfall
-from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.observed.random_streams import Stream, generator
-from vsr2.diagnosis.posterior.calibration import label_set
-from vsr2.diagnosis.posterior.training import Found, Posterior
-from vsr2.diagnosis.simulated.library import NONE, UNKNOWN, free_parameters, is_angle
 from vsr2.diagnosis.verdict.document import SCHEMA, Diagnosis
 from vsr2.diagnosis.verdict.limits import LIMITS, limits_of_the_data, limits_of_the_verdict
 from vsr2.diagnosis.verdict.next_measurement import (
@@ -31,6 +26,11 @@ from vsr2.diagnosis.verdict.rules import Verdict
 from vsr2.diagnosis.verdict.statements import VerdictKind
 from vsr2.diagnosis.where.scan import Location, LocationKind
 from vsr2.effects import Parameter
+from vsr2.ensemble.observed.observations import Observations
+from vsr2.ensemble.observed.random_streams import Stream, generator
+from vsr2.ensemble.simulated.library import NONE, UNKNOWN, free_parameters, is_angle
+from vsr2.posterior.calibration import label_set
+from vsr2.posterior.training import Found, Posterior
 
 Array = NDArray[np.float64]
 

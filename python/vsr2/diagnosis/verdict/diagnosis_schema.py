@@ -8,7 +8,6 @@ from pydantic import BaseModel, ConfigDict, Field, WithJsonSchema
 
 from vsr2.campaign import Tier
 from vsr2.codes import NAMES, Code
-from vsr2.diagnosis.observed.features import FeatureChannel, Phase
 from vsr2.diagnosis.verdict.document import SCHEMA, Schema
 from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import (
@@ -19,6 +18,7 @@ from vsr2.diagnosis.verdict.statements import (
     VerdictKind,
 )
 from vsr2.diagnosis.where.scan import LocationAxis, LocationKind
+from vsr2.ensemble.observed.features import FeatureChannel, Phase
 from vsr2.errors import Fault
 
 Share = Annotated[float, Field(ge=0, le=1)]

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from vsr2.diagnosis.simulated.library import free_parameters
 from vsr2.effects import effect
+from vsr2.ensemble.simulated.library import free_parameters
 from vsr2.errors import DiagnosisError
 
 if TYPE_CHECKING:

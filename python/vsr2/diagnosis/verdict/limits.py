@@ -12,16 +12,16 @@ from numpy.typing import NDArray
 
 from vsr2.codes import Statement
 from vsr2.diagnosis.how_far.held_out import HowFar
-from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.posterior.sets import are_alike
-from vsr2.diagnosis.posterior.training import Found, Posterior
-from vsr2.diagnosis.posterior.truth import PRIOR
-from vsr2.diagnosis.simulated.library import Library, free_parameters
 from vsr2.diagnosis.verdict.rules import Verdict
 from vsr2.diagnosis.verdict.statements import BudgetState, LimitCode
 from vsr2.diagnosis.where.scan import SCAN, interleaved
 from vsr2.effects import effect as effect_of
+from vsr2.ensemble.observed.observations import Observations
+from vsr2.ensemble.simulated.library import Library, free_parameters
 from vsr2.errors import Fault
+from vsr2.posterior.sets import are_alike
+from vsr2.posterior.training import Found, Posterior
+from vsr2.posterior.truth import PRIOR
 
 
 @dataclass(frozen=True)

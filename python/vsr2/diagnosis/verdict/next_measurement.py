@@ -11,13 +11,13 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.campaign import Tier
-from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.posterior.sets import are_alike
-from vsr2.diagnosis.posterior.training import Found, Posterior
-from vsr2.diagnosis.simulated.library import Library
 from vsr2.diagnosis.where.scan import Location
 from vsr2.effects import Effect
 from vsr2.effects.effect import Stage
+from vsr2.ensemble.observed.observations import Observations
+from vsr2.ensemble.simulated.library import Library
+from vsr2.posterior.sets import are_alike
+from vsr2.posterior.training import Found, Posterior
 
 
 class MeasurementKind(StrEnum):

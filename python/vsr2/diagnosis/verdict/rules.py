@@ -5,9 +5,9 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from vsr2.codes import Statement
-from vsr2.diagnosis.posterior.naming import NAMING
-from vsr2.diagnosis.posterior.training import Found, Posterior
 from vsr2.diagnosis.verdict.statements import GapState, ReasonCode, VerdictKind
+from vsr2.posterior.naming import NAMING
+from vsr2.posterior.training import Found, Posterior
 
 
 @dataclass(frozen=True)

@@ -8,10 +8,10 @@ from __future__ import annotations
 from enum import StrEnum
 
 from vsr2.codes import NAMES, Code
+from vsr2.errors import Fault
 
 # The rule of a name, by which training calibrates, decides on the kind.
-from vsr2.diagnosis.posterior.naming import VerdictKind as VerdictKind
-from vsr2.errors import Fault
+from vsr2.posterior.naming import VerdictKind as VerdictKind
 
 
 class GapState(StrEnum):

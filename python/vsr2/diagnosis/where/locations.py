@@ -5,10 +5,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.diagnosis.observed.features import Feature
-from vsr2.diagnosis.observed.observations import Observations
-from vsr2.diagnosis.observed.table_motion import TABLE_FEATURES, table_residuals
 from vsr2.diagnosis.where.scan import OUTCOME, Conditions, Location, scan
+from vsr2.ensemble.observed.features import Feature
+from vsr2.ensemble.observed.observations import Observations
+from vsr2.ensemble.observed.table_motion import TABLE_FEATURES, table_residuals
 
 Array = NDArray[np.float64]
 

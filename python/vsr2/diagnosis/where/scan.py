@@ -32,8 +32,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.intervals import INTERVALS
-from vsr2.diagnosis.observed.features import LARGEST_TILT, Feature, FeatureChannel, Phase
-from vsr2.diagnosis.observed.random_streams import Stream, generator
+from vsr2.ensemble.observed.features import LARGEST_TILT, Feature, FeatureChannel, Phase
+from vsr2.ensemble.observed.random_streams import Stream, generator
 
 Array = NDArray[np.float64]
 

@@ -24,9 +24,10 @@ if TYPE_CHECKING:
     from vsr2.analysis.baseline import BaselineScore
     from vsr2.analysis.time_steps import TimeStepError
     from vsr2.calibration import CalibrationResult
-    from vsr2.diagnosis import Iteration, Prediction
-    from vsr2.diagnosis.reference_campaign import Agreement
+    from vsr2.diagnosis import Iteration
     from vsr2.effects import Effect, Parameter
+    from vsr2.ensemble.reference_campaign import Agreement
+    from vsr2.prediction import Prediction
     from vsr2.results import BatchResult
     from vsr2.simulation import BatchEstimate
     from vsr2.simulation.bench import Rock

@@ -5,14 +5,14 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import TYPE_CHECKING, Any
 
+from vsr2.causes.margins.cause_space import NotJudged
 from vsr2.diagnosis.how_far.held_out import Loss
-from vsr2.diagnosis.margins.cause_space import NotJudged
 from vsr2.one_line import counted
 from vsr2.report.messages.commands import table
 from vsr2.report.messages.templates import NO_BOUNDS, check_worded
 
 if TYPE_CHECKING:
-    from vsr2.diagnosis import Causes
+    from vsr2.causes import Causes
 
 _LISTED = 0.05
 """Probability from which an effect stands in the table."""

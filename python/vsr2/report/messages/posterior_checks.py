@@ -4,14 +4,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from vsr2.diagnosis.coverage.coverage_scores import LEVELS
-from vsr2.diagnosis.posterior.calibration import CALIBRATED
+from vsr2.coverage.coverage_scores import LEVELS
 from vsr2.one_line import counted
+from vsr2.posterior.calibration import CALIBRATED
 from vsr2.report.messages.templates import written
 
 if TYPE_CHECKING:
     from vsr2.analysis.intervals import Score
-    from vsr2.diagnosis import PosteriorCheck
+    from vsr2.coverage import PosteriorCheck
 
 
 def check_sentences(found: PosteriorCheck) -> str:

@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Mapping
 
-from vsr2.diagnosis.pipeline import Progress, Stage
+from vsr2.ensemble.execution import Progress, Stage
 from vsr2.report.messages.templates import check_worded
 
 STAGES: Mapping[Stage, str] = {

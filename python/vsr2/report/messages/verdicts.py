@@ -13,10 +13,10 @@ from importlib.resources import files
 from typing import TYPE_CHECKING, Any
 
 from vsr2.codes import TIERS
-from vsr2.diagnosis.observed.features import FeatureChannel, Phase
 from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import LimitCode, ReasonCode, VerdictKind
 from vsr2.diagnosis.where.scan import LocationKind
+from vsr2.ensemble.observed.features import FeatureChannel, Phase
 from vsr2.errors import Fault, ResultError
 from vsr2.report.messages.templates import NO_BOUNDS, check_worded, written
 from vsr2.report.pages import environment, listed, plain

@@ -1,0 +1,107 @@
+"""Planted campaigns: their cause is drawn from the prior of the posterior that is checked."""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterator, Mapping
+from dataclasses import dataclass
+
+import numpy as np
+
+from vsr2.config.seeds import checked_seed
+from vsr2.ensemble.observed.random_streams import Stream, generator
+from vsr2.ensemble.simulated.campaigns import Acting, draw_set, insensitive
+from vsr2.ensemble.simulated.library import Library, Side
+from vsr2.ensemble.simulated.look import Limit
+from vsr2.errors import DiagnosisError
+from vsr2.posterior.sets import declared_alike
+from vsr2.posterior.truth import PRIOR, left_out_together
+
+FIRST = 100_000
+"""Number of the first planted campaign, far above those of training."""
+
+
+@dataclass(frozen=True)
+class Planted:
+    """One planted campaign.
+
+    Attributes:
+        row: its number, which says what acts.
+        acting: in it.
+        lacking: effects that the library lacks for it: its cause is then outside.
+    """
+
+    row: int
+    acting: tuple[Acting, ...]
+    lacking: tuple[str, ...] = ()
+
+
+def draw_planted(
+    library: Library,
+    limits: Mapping[tuple[str, Side], Limit],
+    count: int,
+    *,
+    most: int,
+    excluded: Collection[str] = (),
+    seed: int = 0,
+) -> tuple[Planted, ...]:
+    """Planted campaigns of the posterior's prior over none, one and more effects, and outside.
+
+    Simulated campaigns have these in other shares, by which training weights them; here each is
+    taken in the share that the prior gives it, so that campaigns count alike.
+
+    Args:
+        library: effects.
+        limits: detection limits.
+        count: of campaigns.
+        most: effects that may act together.
+        excluded: effects that are not looked for, and do not act.
+        seed: of the diagnosis.
+
+    Raises:
+        DiagnosisError: no effect that is looked for shows in the campaign, or what is no seed.
+    """
+    seed = checked_seed(seed, DiagnosisError)
+    shown = set(library) - set(insensitive(library, limits)) - set(excluded)
+    if not shown:
+        raise DiagnosisError(
+            "no effect that is looked for shows in this campaign, so nothing can be planted"
+        )
+    rng = generator(seed, Stream.PLANTED)
+    prior = np.array(PRIOR.sizes(most))
+    reached = prior[: len(shown) + 1]
+    shares = np.append((1 - PRIOR.outside) * reached / reached.sum(), PRIOR.outside)
+    kinds = rng.choice(shares.size, count, p=shares)
+    names, alike = list(library), declared_alike(library)
+    drawn = {
+        size: _of_size(library, limits, size, most, shown, seed) for size in range(shares.size)
+    }
+    planted = []
+    for kind in kinds:
+        outside = kind == reached.size
+        sizes = reached[1:] / reached[1:].sum()
+        size = 1 + int(rng.choice(sizes.size, p=sizes)) if outside else int(kind)
+        row, acting = next(drawn[size])
+        lacking: tuple[str, ...] = ()
+        if outside:
+            own = names.index(acting[int(rng.integers(size))].name)
+            together = left_out_together(alike, np.array([own]), rng)[0]
+            lacking = tuple(names[i] for i in np.flatnonzero(together))
+        planted.append(Planted(row, acting, lacking))
+    return tuple(planted)
+
+
+def _of_size(
+    library: Library,
+    limits: Mapping[tuple[str, Side], Limit],
+    size: int,
+    most: int,
+    shown: Collection[str],
+    seed: int,
+) -> Iterator[tuple[int, tuple[Acting, ...]]]:
+    """Numbers of campaigns in which so many effects act, of those that are looked for."""
+    row = FIRST
+    while True:
+        acting = draw_set(library, limits, row, seed, most)
+        if len(acting) == size and all(one.name in shown for one in acting):
+            yield row, acting
+        row += 1

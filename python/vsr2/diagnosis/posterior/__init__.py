@@ -1,1 +1,0 @@
-"""WHICH: one learned posterior over sets of effects."""

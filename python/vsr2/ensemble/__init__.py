@@ -1,0 +1,35 @@
+"""A campaign as numbers: as it was observed, and as scenes give it with what is uncertain drawn."""
+
+from vsr2.ensemble.execution import Execution
+from vsr2.ensemble.protocol_cache import ProtocolCache
+from vsr2.ensemble.simulated.hypotheses import Hypotheses
+from vsr2.ensemble.simulated.nuisances import (
+    DEFAULT_NUISANCES,
+    DrawnByEffect,
+    LogNormal,
+    LogUniform,
+    Normal,
+    Nuisance,
+    Scope,
+    Uniform,
+    with_deviations,
+)
+from vsr2.ensemble.simulated.simulator import Request, Responses, Simulator
+
+__all__ = [
+    "DEFAULT_NUISANCES",
+    "DrawnByEffect",
+    "Execution",
+    "Hypotheses",
+    "LogNormal",
+    "LogUniform",
+    "Normal",
+    "Nuisance",
+    "ProtocolCache",
+    "Request",
+    "Responses",
+    "Scope",
+    "Simulator",
+    "Uniform",
+    "with_deviations",
+]

@@ -1,0 +1,312 @@
+"""The observed campaign as arrays."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.campaign import Campaign, CampaignTrial, Tier, intensity_measures
+from vsr2.ensemble.observed.features import (
+    LARGEST_TILT,
+    REST_FEATURES,
+    SERIES,
+    TILT_FEATURES,
+    Feature,
+    Sampling,
+    noted_tilt_features,
+    rest_features,
+    tilt_features,
+)
+from vsr2.errors import DiagnosisError
+from vsr2.motion import Record
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class ObservedConstants:
+    """What a campaign must have, and how its measurements are taken.
+
+    Chosen by hand, but `rest_scatter` by `python studies/engine_discrepancy.py`.
+
+    Attributes:
+        least_trials: fewer with motion and outcome are refused.
+        least_motions: fewer cannot be split into fit, choose and judge with something to resample.
+        most_lacking: one trial in so many may lack what a tier rests on: of those that stood the
+            largest tilt (M), of all series (T).
+        least_tilt: added to largest tilts before the logarithm where the campaign states no noise
+            [rad].
+        rest_resolution: final turns [rad] and travels [m] below these are taken for one. How far a
+            rocking block creeps on its edges is a matter of the contact model: where one engine
+            has it stay within a millimetre, another lets it go several.
+        rest_scatter: standard deviation of the logarithm of larger ones between two correct
+            engines.
+        distinct: standard errors from which a turn or a travel is distinguished from none.
+        repeated: greatest difference of ln PGA and of ln PGV between recordings of one motion
+            repeated: for noise of the records and the table's scatter. The next amplitude of a
+            campaign lies 5 % off or more.
+    """
+
+    least_trials: int = 40
+    least_motions: int = 4
+    most_lacking: int = 10
+    least_tilt: float = 0.003
+    rest_resolution: tuple[float, float] = (0.05, 0.01)
+    rest_scatter: float = 0.3
+    distinct: float = 3.0
+    repeated: float = 0.02
+
+
+OBSERVED = ObservedConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class Observations:
+    """What was observed, one value a trial.
+
+    Attributes:
+        campaign: trials with motion and outcome, in order of execution.
+        tier: information used: B, M or T.
+        overturned: 1 or 0, shape (n,).
+        features: shape (n, k): none (B), logarithm of the largest tilt (M), and features of the
+            series (T); NaN where one does not apply.
+        measured: what the features are.
+        tilt_offset: added to tilts before the logarithm [rad].
+        tilt_noise: standard error of the largest tilt [rad].
+        rest_noise: standard errors of the final turn [rad] and of the final travel [m].
+        motion, session, specimen: indices from 0, shape (n,).
+        order: 0 at the first trial, 1 at the last, shape (n,).
+        log_pga_g, log_ratio: ln PGA [g] and ln PGV/PGA [s], shape (n,).
+    """
+
+    campaign: Campaign
+    tier: Tier
+    overturned: Array
+    features: Array
+    measured: tuple[Feature, ...]
+    tilt_offset: float
+    tilt_noise: float
+    rest_noise: tuple[float, float]
+    motion: NDArray[np.int64]
+    session: NDArray[np.int64]
+    specimen: NDArray[np.int64]
+    order: Array
+    log_pga_g: Array
+    log_ratio: Array
+
+    def __len__(self) -> int:
+        return self.overturned.size
+
+    def noted(
+        self, overturned: Array, peak: Array, series: Array | None, rng: np.random.Generator
+    ) -> Array:
+        """Features of simulated responses as this campaign would have noted them.
+
+        Args:
+            overturned: shape (..., n).
+            peak: largest tilts [rad], shape (..., n).
+            series: of simulated series, as `Responses.features`, shape (..., n, k), needed for
+                tier T.
+            rng: of the measurements' noise.
+
+        Returns:
+            Shape (..., n, features).
+        """
+        out = np.full((*overturned.shape, len(self.measured)), np.nan)
+        if self.tier == "B":
+            return out
+        standing = overturned < 0.5
+        noise = self.tilt_noise * rng.standard_normal(overturned.shape)
+        seen = np.log(np.maximum(peak + noise, 0.0) + self.tilt_offset)
+        out[..., 0] = np.where(standing, seen, np.nan)
+        if self.tier != "T" or series is None:
+            return out
+        tilts = len(TILT_FEATURES)
+        out[..., 1 : 1 + tilts] = noted_tilt_features(series[..., :tilts], overturned)
+        for k, feature in enumerate(REST_FEATURES[: series.shape[-1] - tilts]):
+            noise = self.rest_noise[k] * rng.standard_normal(overturned.shape)
+            if feature in self.measured:
+                scatter = np.exp(OBSERVED.rest_scatter * rng.standard_normal(overturned.shape))
+                raw = scatter * np.abs(series[..., tilts + k] + noise)
+                known = rest_logarithm(raw, OBSERVED.rest_resolution[k], self.rest_noise[k])
+                out[..., self.measured.index(feature)] = np.where(standing, known, np.nan)
+        return out
+
+
+def rest_logarithm(size: Array, resolution: float, noise: float) -> Array:
+    """Logarithm of turns or travels, those within what can be distinguished taken for one."""
+    return np.asarray(
+        np.log(np.maximum(size, max(resolution, OBSERVED.distinct * noise))), dtype=np.float64
+    )
+
+
+def same_trials(one: Observations, other: Observations) -> bool:
+    """Whether two campaigns have the same trials in equal order: motion, and PGA and PGV about."""
+    names = [[trial.motion for trial in seen.campaign.trials] for seen in (one, other)]
+    if names[0] != names[1]:
+        return False
+    far = [
+        np.abs(a - b) > OBSERVED.repeated
+        for a, b in (
+            (one.log_pga_g, other.log_pga_g),
+            (one.log_pga_g + one.log_ratio, other.log_pga_g + other.log_ratio),
+        )
+    ]
+    return not np.any(far)
+
+
+def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observations:
+    """The campaign's usable trials as arrays.
+
+    Args:
+        campaign: trials without motion or outcome are left out.
+        tier: information to use; None: all that nine in ten trials have.
+
+    Raises:
+        DiagnosisError: too few trials or motions, one that does not move, or a tier that the
+            campaign does not reach.
+    """
+    kept = [
+        i
+        for i, trial in enumerate(campaign.trials)
+        if trial.motion_file is not None and trial.overturned is not None
+    ]
+    motions = {campaign.trials[i].motion for i in kept}
+    if len(kept) < OBSERVED.least_trials or len(motions) < OBSERVED.least_motions:
+        raise DiagnosisError(
+            f"campaign {campaign.name!r}: {len(kept)} trials of {len(motions)} motions have both "
+            f"motion and outcome; a diagnosis needs {OBSERVED.least_trials} of "
+            f"{OBSERVED.least_motions} motions"
+        )
+    mask = np.zeros(len(campaign), dtype=bool)
+    mask[kept] = True
+    used = campaign.select(mask)
+    used = _in_order(used)
+    tier = _reached_tier(used, tier)
+    overturned = used.overturned
+    noise = used.noise.peak_tilt or 0.0
+    offset = max(OBSERVED.least_tilt, noise)
+    rest_noise = (
+        SERIES.rest_noise * (used.noise.orientation or 0.0),
+        SERIES.rest_noise * (used.noise.position or 0.0),
+    )
+    columns: list[Array] = []
+    measured: list[Feature] = []
+    if tier != "B":
+        peaks = np.array([_peak(trial) for trial in used.trials])
+        seen = np.log(np.maximum(peaks, 0.0) + offset)
+        columns.append(np.where(overturned < 0.5, seen, np.nan))
+        measured.append(LARGEST_TILT)
+    if tier == "T":
+        found = np.stack([_tilt_features(trial) for trial in used.trials])
+        columns.extend(noted_tilt_features(found, overturned).T)
+        measured.extend(TILT_FEATURES)
+        rest = np.stack([_rest_features(trial, used.record(trial)) for trial in used.trials])
+        for k, feature in enumerate(REST_FEATURES):
+            if np.isfinite(rest[:, k]).any():
+                raw = rest_logarithm(rest[:, k], OBSERVED.rest_resolution[k], rest_noise[k])
+                columns.append(np.where(overturned < 0.5, raw, np.nan))
+                measured.append(feature)
+    measures = intensity_measures(used)
+    still = np.flatnonzero(~(measures.pga_g > 0))
+    if still.size:
+        trial = used.trials[int(still[0])]
+        more = f" and of {still.size - 1} others" if still.size > 1 else ""
+        raise DiagnosisError(
+            f"campaign {campaign.name!r}: the table rests in the motion {trial.motion_file!r} of "
+            f"trial {trial.trial!r}{more}; leave such trials out"
+        )
+    log_pga_g, log_ratio = np.log(measures.pga_g), np.log(measures.pgv_pga)
+    return Observations(
+        campaign=used,
+        tier=tier,
+        overturned=overturned,
+        features=np.stack(columns, axis=1) if columns else np.zeros((len(used), 0)),
+        measured=tuple(measured),
+        tilt_offset=offset,
+        tilt_noise=noise,
+        rest_noise=rest_noise,
+        motion=_index([trial.motion for trial in used.trials]),
+        session=_index([trial.session for trial in used.trials]),
+        specimen=_index([trial.specimen for trial in used.trials]),
+        order=used.relative_order,
+        log_pga_g=log_pga_g,
+        log_ratio=log_ratio,
+    )
+
+
+def _reached_tier(campaign: Campaign, wanted: Tier | None) -> Tier:
+    """The tier that nine in ten trials reach (`OBSERVED.most_lacking`), or a lower one."""
+    standing = [t for t in campaign.trials if not t.overturned]
+    without_tilt = [t.trial for t in standing if not np.isfinite(_peak(t))]
+    without_series = [t.trial for t in campaign.trials if t.series is None]
+    reached: Tier = "B"
+    lacking, measured = without_tilt, "largest tilt"
+    tilts = OBSERVED.most_lacking * len(without_tilt) <= len(standing)
+    if tilts if standing else campaign.tier > "B":
+        reached, lacking, measured = "M", without_series, "series"
+        if OBSERVED.most_lacking * len(without_series) <= len(campaign):
+            reached = "T"
+    if wanted is not None and wanted > reached:
+        raise DiagnosisError(
+            f"campaign {campaign.name!r}: reaches tier {reached}, not {wanted}: {len(lacking)} "
+            f"trials have no {measured} (the first is {lacking[0] if lacking else '-'}); choose "
+            f"tier {reached}, or measure more"
+        )
+    return reached if wanted is None else wanted
+
+
+def series_sampling(campaign: Campaign) -> Sampling | None:
+    """How the campaign's tilts were measured in time; None: they were not.
+
+    The median sampling interval of all trials, and their stated noise or else the campaign's.
+    """
+    found = [
+        t.series for t in campaign.trials if t.series is not None and t.series.tilt is not None
+    ]
+    intervals = [float(np.median(np.diff(one.time))) for one in found if one.time.size > 1]
+    if not intervals:
+        return None
+    stated = [one.noise_tilt for one in found if one.noise_tilt is not None]
+    noise = float(np.median(stated)) if stated else campaign.noise.tilt or 0.0
+    return Sampling(float(np.median(intervals)), noise)
+
+
+def _in_order(campaign: Campaign) -> Campaign:
+    from dataclasses import replace
+
+    return replace(campaign, trials=tuple(sorted(campaign.trials, key=lambda t: t.order)))
+
+
+def _index(names: list[str]) -> NDArray[np.int64]:
+    """Numbers in order of first appearance."""
+    index = {name: i for i, name in enumerate(dict.fromkeys(names))}
+    return np.array([index[name] for name in names], dtype=np.int64)
+
+
+def _peak(trial: CampaignTrial) -> float:
+    if trial.peak_tilt is not None:
+        return trial.peak_tilt
+    if trial.series is not None and trial.series.tilt is not None:
+        return float(np.max(np.abs(trial.series.tilt)))
+    return float("nan")
+
+
+def _tilt_features(trial: CampaignTrial) -> Array:
+    series = trial.series
+    if series is None or series.tilt is None:
+        return np.full(len(TILT_FEATURES), np.nan)
+    return tilt_features(series.time, np.abs(series.tilt))
+
+
+def _rest_features(trial: CampaignTrial, record: Record | None) -> Array:
+    series = trial.series
+    if series is None:
+        return np.full(len(REST_FEATURES), np.nan)
+    moved = None
+    if record is not None and record.displacement is not None:
+        moved = record.displacement - record.displacement[0]
+        moved = np.interp(series.time, record.sample_interval * np.arange(moved.size), moved)
+    return rest_features(series.tilt, series.position, series.orientation, moved)

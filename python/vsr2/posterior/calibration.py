@@ -1,0 +1,249 @@
+"""Calibration on simulated campaigns that no network saw: limits of what is said."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from functools import partial
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.posterior.naming import (
+    Candidates,
+    Naming,
+    NamingLimits,
+    VerdictKind,
+    candidates,
+    decide,
+    is_wrong,
+    one_cause,
+    several_causes,
+)
+from vsr2.posterior.sets import Sets
+from vsr2.posterior.truth import PRIOR, Truth
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class PosteriorCalibrationConstants:
+    """What the limits are to keep; chosen by hand.
+
+    Attributes:
+        false_alarms: share of gap-free campaigns of which none is not said.
+        wrong: share of names that may be wrong.
+        wrong_together: share of the names of causes that act together that may be.
+        coverage: of the sets of hypotheses.
+        temperatures: ends of the logarithm of the temperature that is sought.
+        one: probabilities that the name of one cause may be asked to have.
+        together: those that names of causes which act together may be asked to have. Of all pairs
+            of both that keep `wrong`, the one is used that names the most causes rightly; of
+            equally good ones the strictest.
+    """
+
+    false_alarms: float = 0.05
+    wrong: float = 0.10
+    wrong_together: float = 1 / 3
+    coverage: float = 0.90
+    temperatures: tuple[float, float] = (-1.0, 1.5)
+    one: tuple[float, ...] = tuple(k / 100 for k in range(50, 100))
+    together: tuple[float, ...] = tuple(k / 100 for k in range(10, 100))
+
+
+CALIBRATED = PosteriorCalibrationConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class Levels:
+    """What calibration on held-out campaigns sets.
+
+    Attributes:
+        temperature: by which log probabilities are divided.
+        none_limit: 5 % point of the probability of none over gap-free campaigns.
+        least_name: probability, given a gap, that the name of one cause must have.
+        least_together: that of the names of causes that act together.
+        set_level: probability before a label up to which the 90 % sets hold it.
+        wrong, named: shares of held-out campaigns with a gap that are named wrongly, and named.
+        detection_rate: share of causes outside the library that are said to be so.
+    """
+
+    temperature: float
+    none_limit: float
+    least_name: float
+    least_together: float
+    set_level: float
+    wrong: float
+    named: float
+    detection_rate: float
+
+    @property
+    def naming(self) -> NamingLimits:
+        """Those of the rule."""
+        return NamingLimits(self.none_limit, self.least_name, self.least_together)
+
+
+Logs = tuple[Array, Array]
+"""Log probabilities of held-out campaigns, disturbed: by all effects, and without their own.
+
+Shape (seeds, n, sets)."""
+
+
+def pooled(log_probability: Array, temperature: float) -> Array:
+    """Mean over networks of probabilities whose logarithms are divided by a temperature.
+
+    Args:
+        log_probability: shape (networks, ..., sets).
+        temperature: above 0; below 1 it makes up for the flatness that a mean brings.
+
+    Returns:
+        Shape (..., sets).
+    """
+    scaled = log_probability / temperature
+    out = np.exp(scaled - scaled.max(axis=-1, keepdims=True))
+    return np.asarray((out / out.sum(axis=-1, keepdims=True)).mean(axis=0))
+
+
+def calibrate(logs: Logs, truth: Truth, fits: tuple[Array, Array]) -> Levels:
+    """Temperature, and the limits of the rule, from campaigns that no network saw.
+
+    Args:
+        logs: log probabilities.
+        truth: of the same campaigns.
+        fits: tail probability of each among campaigns without effect, and of what the library
+            leaves unexplained, each shape (n,).
+    """
+    from scipy.optimize import minimize_scalar
+
+    acting = truth.acting.any(axis=1)
+    outside = np.full(int(acting.sum()), truth.sets.outside)
+    out_of_library = truth.weight[acting] * PRIOR.outside / (1 - PRIOR.outside)
+    out_of_library *= truth.weight.sum() / max(truth.weight[acting].sum(), 1e-9)
+    log = np.concatenate([logs[0], logs[1][:, acting]], axis=1)
+    index = np.concatenate([truth.index, outside])
+    weight = np.concatenate([truth.weight, out_of_library])
+    rows = np.arange(index.size)
+
+    def score(log_temperature: float) -> float:
+        p = pooled(log, float(np.exp(log_temperature)))[rows, index]
+        return float(-(weight * np.log(np.maximum(p, 1e-12))).sum() / weight.sum())
+
+    sought = minimize_scalar(score, bounds=CALIBRATED.temperatures, method="bounded")
+    temperature = float(np.exp(sought.x))
+    probability = pooled(log, temperature)
+    plain = probability[: len(truth.index)][~acting, 0]
+    none_limit = float(np.quantile(plain, CALIBRATED.false_alarms)) if plain.size else 0.5
+    found = [candidates(p, truth.sets, truth.alike) for p in probability]
+    tails = [np.concatenate([one, one[acting]]) for one in fits]
+    owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(
+        acting.sum()
+    )
+    chosen, wrong, named = _naming_limits(found, owners, weight, tails, truth.alike, none_limit)
+    said = [
+        decide(f, chosen, truth.alike, fit=float(own), library_fit=float(of_library))
+        for f, own, of_library in zip(found, *tails, strict=True)
+    ]
+    unknown = [s.kind is VerdictKind.UNKNOWN for s in said[len(truth.index) :]]
+    return Levels(
+        temperature=temperature,
+        none_limit=none_limit,
+        least_name=chosen.one,
+        least_together=chosen.together,
+        set_level=_set_level(probability, index, weight, truth.sets),
+        wrong=wrong,
+        named=named,
+        detection_rate=float(np.mean(unknown) if unknown else 0),
+    )
+
+
+def _naming_limits(
+    found: Sequence[Candidates],
+    owners: Sequence[tuple[int, ...]],
+    weight: Array,
+    fits: Sequence[Array],
+    alike: Bools,
+    none_limit: float,
+) -> tuple[NamingLimits, float, float]:
+    """Limits that name the most causes rightly while few names are wrong: see `CALIBRATED`.
+
+    Args:
+        found: of campaigns that no network saw.
+        owners: effects that act in each.
+        weight: of each, shape (n,).
+        fits: tail probabilities of each, without effect and of the library, each shape (n,).
+        alike: effects declared alike, shape (effects, effects).
+        none_limit: as it is chosen.
+
+    Returns:
+        The limits; of the campaigns the shares that they name wrongly, of those named, and name.
+    """
+    asked = NamingLimits(none_limit, np.inf, np.inf)
+    gates = [
+        decide(f, asked, alike, fit=float(own), library_fit=float(of_library)).kind
+        for f, own, of_library in zip(found, *fits, strict=True)
+    ]
+    open_ = [kind is VerdictKind.UNRESOLVED for kind in gates]
+
+    def judged(name: Callable[[Candidates], Naming | None]) -> Array:
+        """Whether a campaign is named, wrongly, and causes named rightly, shape (3, n)."""
+        out = np.zeros((3, len(found)))
+        for k, (one, own) in enumerate(zip(found, owners, strict=True)):
+            said = name(one) if open_[k] else None
+            if said is not None and said.kind.names_effects:
+                wrong = is_wrong(said, own)
+                out[:, k] = 1.0, wrong, 0.0 if wrong else len(said.findings)
+        return out * weight
+
+    ones = [judged(partial(one_cause, least=least, alike=alike)) for least in CALIBRATED.one]
+    best, chosen = (False, -1.0), (asked, 0.0, 0.0)
+    for together in reversed(CALIBRATED.together):
+        several = judged(partial(several_causes, least=together))
+        kept = several[1].sum() <= CALIBRATED.wrong_together * several[0].sum()
+        left = several[0] == 0
+        for one, of_one in zip(reversed(CALIBRATED.one), reversed(ones), strict=True):
+            named, wrong, right = several.sum(axis=1) + of_one[:, left].sum(axis=1)
+            share = float(wrong / max(named, 1e-9))
+            # Rounded, so that equal sums of other order are equal.
+            own = (kept and share <= CALIBRATED.wrong, round(float(right), 9))
+            if best[1] < 0 or (own[0] and own > best):
+                limits = NamingLimits(none_limit, one, together)
+                best, chosen = own, (limits, share, float(named / weight.sum()))
+    return chosen
+
+
+def label_probability(probability: Array, sets: Sets) -> Array:
+    """Of none, every effect that leads and outside, shape (n, effects + 2)."""
+    return np.concatenate(
+        [probability[:, :1], sets.leading(probability), probability[:, -1:]], axis=1
+    )
+
+
+def _set_level(probability: Array, index: NDArray[np.int64], weight: Array, sets: Sets) -> float:
+    """Probability down to which sets of labels must reach to hold nine of ten truths.
+
+    Conformal: of each held-out campaign, the probability held by the labels before a true one (Y.
+    Romano, M. Sesia, E. Candes, "Classification with valid and adaptive coverage", 2020; there the
+    true one counts in part, by chance). Of two effects, either is true.
+    """
+    labels = label_probability(probability, sets)
+    order = np.argsort(-labels, axis=1, kind="stable")
+    ordered = np.take_along_axis(labels, order, axis=1)
+    before = np.cumsum(ordered, axis=1) - ordered
+    true = np.zeros(labels.shape, dtype=bool)
+    true[:, 1:-1] = sets.members[index]
+    true[index == 0, 0] = True
+    true[index == sets.outside, -1] = True
+    first = np.take_along_axis(true, order, axis=1).argmax(axis=1)
+    score = before[np.arange(len(index)), first]
+    sequence = np.argsort(score)
+    total = np.cumsum(weight[sequence]) / weight.sum()
+    return float(score[sequence][np.searchsorted(total, CALIBRATED.coverage)])
+
+
+def label_set(probability: Array, sets: Sets, level: float) -> tuple[int, ...]:
+    """Labels of the 90 % set, most probable first: 0 none, 1 to n effects, n + 1 outside."""
+    labels = label_probability(probability[None], sets)[0]
+    order = np.argsort(-labels, kind="stable")
+    before = np.cumsum(labels[order]) - labels[order]
+    return tuple(int(i) for i in order[before <= level + 1e-12])

@@ -1,0 +1,249 @@
+"""The trained posterior as a file, for the next campaign of the same trials."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from collections.abc import Mapping
+from dataclasses import asdict, astuple, fields
+from math import isfinite, isinf
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.ensemble.observed.observations import Observations
+from vsr2.ensemble.simulated.campaigns import SET_PRIOR
+from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
+from vsr2.ensemble.simulated.library import Library, free_parameters
+from vsr2.errors import ResultError
+from vsr2.posterior.calibration import CALIBRATED, Levels
+from vsr2.posterior.discrepancy import DISCREPANCY
+from vsr2.posterior.file_arrays import FileArrays
+from vsr2.posterior.goodness_of_fit import LIBRARY_FIT, LibraryFit
+from vsr2.posterior.naming import NAMING
+from vsr2.posterior.network import NETWORK, Network
+from vsr2.posterior.parameters import PARAMETERS, Parameters
+from vsr2.posterior.sets import Sets, declared_alike
+from vsr2.posterior.summaries import SUMMARY, Standard, Summaries
+from vsr2.posterior.training import TRAINING, Posterior
+from vsr2.posterior.truth import PRIOR
+from vsr2.results.atomic import write_atomic
+
+POSTERIORS = "posterior-*.npz"
+FORMAT = 10
+"""Of the file, and of features and their noise: a posterior of another form is trained again."""
+
+
+def posterior_file(
+    folder: Path,
+    identity: str,
+    seen: Observations,
+    campaigns: int,
+    seed: int,
+    most: int = HYPOTHESIS.usual_effects,
+) -> Path:
+    """File of the posterior trained for a simulator and what a campaign measures.
+
+    Args:
+        folder: of it.
+        identity: of the simulator.
+        seen: the observed campaign, whose outcomes have no part in it.
+        campaigns: simulated.
+        seed: of the training.
+        most: effects that may act together.
+    """
+    digest = hashlib.blake2b(digest_size=8)
+    constants = (
+        SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATED,
+        PARAMETERS, SET_PRIOR,
+    )  # fmt: skip
+    parts = (
+        identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
+        seen.tilt_noise, seen.rest_noise, campaigns, seed, most,
+        [astuple(one) for one in constants],
+    )  # fmt: skip
+    digest.update(repr(parts).encode())
+    return folder / POSTERIORS.replace("*", digest.hexdigest())
+
+
+def save_posterior(posterior: Posterior, path: Path) -> None:
+    """Write a posterior, atomically.
+
+    Raises:
+        ResultError: it cannot be written.
+    """
+    arrays: dict[str, NDArray[Any]] = {
+        "probability": posterior.standard.probability,
+        "standard_centre": posterior.standard.centre,
+        "standard_scatter": posterior.standard.scatter,
+        "coefficients": posterior.summaries.coefficients,
+        "intercepts": posterior.summaries.intercepts,
+        "reproduction": posterior.summaries.reproduction,
+        "deviation": posterior.summaries.deviation,
+        "effect": posterior.summaries.effect,
+        "centre": posterior.centre,
+        "scale": posterior.scale,
+        "gap_free": posterior.gap_free,
+        "misfits": posterior.misfits,
+        "library_fit_size": posterior.library_fit.size,
+        "library_fit_unexplained": posterior.library_fit.unexplained,
+        "residuals": posterior.parameters.residuals,
+    }
+    for k, network in enumerate(posterior.networks):
+        for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
+            arrays[f"weight {k} {layer}"], arrays[f"bias {k} {layer}"] = weight, bias
+    for name in posterior.parameters.rows:
+        arrays[f"rows {name}"] = posterior.parameters.rows[name]
+        arrays[f"values {name}"] = posterior.parameters.values[name]
+    content = {
+        "format": FORMAT,
+        "names": posterior.sets.names,
+        "most": posterior.sets.most,
+        "trials": posterior.summaries.trials,
+        "networks": len(posterior.networks),
+        "layers": len(posterior.networks[0].weights),
+        "levels": asdict(posterior.levels),
+        "campaigns": posterior.campaigns,
+    }
+    about = np.array(json.dumps(content))
+    write_atomic(path, lambda file: np.savez(file, about=about, **arrays))  # type: ignore[arg-type]
+
+
+def load_posterior(
+    path: Path, library: Library, campaign: tuple[int, int] | None = None
+) -> Posterior | None:
+    """Read a posterior; None: there is none of these effects and so many trials.
+
+    Args:
+        path: of the file.
+        library: the same effects as at its training.
+        campaign: numbers of trials and of features that it is asked about; None: any.
+
+    Raises:
+        ResultError: it is damaged, or has other features; names array, value and remedy.
+    """
+    if not path.exists():
+        return None
+    try:
+        with path.open("rb") as stream, np.load(stream, allow_pickle=False) as file:
+            about = json.loads(str(file["about"]))
+            if about["format"] != FORMAT or tuple(about["names"]) != tuple(library):
+                return None
+            trials = _count(about, "trials")
+            if campaign is not None and trials != campaign[0]:
+                return None  # Of a look with another budget, in which other trials respond.
+            return _checked(file, about, library, None if campaign is None else campaign[1])
+    except Exception as error:  # a damaged archive raises what zipfile and numpy happen to raise
+        reason = ascii(str(error))[1:-1][:200]
+        raise ResultError(
+            f"{path}: damaged ({reason}); remove it, and the posterior is trained again"
+        ) from None
+
+
+def _checked(
+    file: Mapping[str, Any],
+    about: Mapping[str, Any],
+    library: Library,
+    features: int | None,
+) -> Posterior:
+    """The posterior in a file; `features`: their number, None: any.
+
+    Raises:
+        ValueError: names array or key, value and what is wanted.
+    """
+    sets = Sets(tuple(library), _count(about, "most"))
+    known = {"trials": _count(about, "trials"), "effects": len(library)}
+    if features is not None:
+        known["features"] = features
+    # A campaign of outcomes alone has no features.
+    arrays = FileArrays(file, known, may_be_zero=("features",))
+    standard = Standard(
+        arrays.numbers("probability", "trials", above=0.0),
+        arrays.numbers("standard_centre", "trials", "features"),
+        arrays.numbers("standard_scatter", "trials", "features", above=0.0),
+    )
+    channels = 1 + arrays.size("features")
+    columns = channels * arrays.size("trials")
+    summaries = Summaries(
+        arrays.numbers("coefficients", "folds", columns, "targets"),
+        arrays.numbers("intercepts", "folds", "targets"),
+        arrays.numbers("reproduction", "targets", columns),
+        arrays.numbers("deviation", "targets", above=0.0),
+        arrays.indices("effect", "targets", least=-1, below=len(library)),
+        known["trials"],
+    )
+    # Discriminants, two sizes of residuals and a mean for each channel: see `Summaries.complete`.
+    count = arrays.size("targets") + 3 * channels
+    return Posterior(
+        sets=sets,
+        standard=standard,
+        summaries=summaries,
+        centre=arrays.numbers("centre", count),
+        scale=arrays.numbers("scale", count, above=0.0),
+        networks=tuple(
+            _network(arrays, sets, k, _count(about, "layers"), count)
+            for k in range(_count(about, "networks"))
+        ),
+        levels=_levels(about["levels"]),
+        parameters=_parameters(arrays, library, columns),
+        alike=declared_alike(library),
+        gap_free=arrays.numbers("gap_free", "plain", columns),
+        misfits=arrays.numbers("misfits", "misfits"),
+        library_fit=LibraryFit(
+            arrays.numbers("library_fit_size", "fits"),
+            arrays.numbers("library_fit_unexplained", "fits"),
+        ),
+        campaigns=_count(about, "campaigns"),
+    )
+
+
+def _network(arrays: FileArrays, sets: Sets, k: int, layers: int, summaries: int) -> Network:
+    """One network, from summaries and effects that are left out to what the sets are made of."""
+    inputs = summaries + len(sets.names)
+    weights, biases = [], []
+    for layer in range(layers):
+        outputs: str | int = f"units {k} {layer}"
+        if layer == layers - 1:
+            outputs = 2 * len(sets.names) + 1 + len(sets.by_size)
+        weights.append(arrays.numbers(f"weight {k} {layer}", inputs, outputs))
+        biases.append(arrays.numbers(f"bias {k} {layer}", outputs))
+        inputs = weights[-1].shape[1]
+    return Network(sets, weights, biases)
+
+
+def _parameters(arrays: FileArrays, library: Library, columns: int) -> Parameters:
+    """Campaigns in which effects act, and the values of these."""
+    residuals = arrays.numbers("residuals", "acting", columns)
+    rows, values = {}, {}
+    for name, effect in library.items():
+        if f"rows {name}" in arrays:
+            rows[name] = arrays.indices(f"rows {name}", f"of {name}", least=0, below=len(residuals))
+            free = free_parameters(effect)
+            endless = [isinf(parameter.null) for parameter in free]
+            values[name] = arrays.numbers(
+                f"values {name}", f"of {name}", len(free), endless=endless
+            )
+    return Parameters(library, residuals.astype(np.float32, copy=False), rows, values)
+
+
+def _levels(content: Mapping[str, Any]) -> Levels:
+    """Calibrated levels, all of them numbers."""
+    names = [one.name for one in fields(Levels)]
+    if sorted(content) != sorted(names):
+        raise ValueError(f"key levels has {sorted(content)}, wanted is {sorted(names)}")
+    for name, value in content.items():
+        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+            raise ValueError(f"key levels.{name} is {value!r}, wanted is a finite number")
+    if content["temperature"] <= 0:
+        raise ValueError(f"key levels.temperature is {content['temperature']}, wanted is above 0")
+    return Levels(**content)
+
+
+def _count(about: Mapping[str, Any], key: str) -> int:
+    """A whole number of at least 1."""
+    value = about[key]
+    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
+        raise ValueError(f"key {key} is {value!r}, wanted is a whole number of at least 1")
+    return value

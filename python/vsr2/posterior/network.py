@@ -1,0 +1,281 @@
+"""A small network from summaries to the probability of every set of effects.
+
+Its outputs are a score for every effect alone, one for every effect as a part of a larger set, and
+one each for none, a pair, three effects and so on, and outside. The logit of a larger set is the
+sum of its parts and of that of its size, so that a set needs no campaigns of its own. Trained by
+the logarithmic score on simulated campaigns, its probabilities are those of the hypotheses given
+the summaries (P. Pudlo et al., "Reliable ABC model choice via random forests", Bioinformatics 32,
+2016; S. T. Radev et al., "Amortized Bayesian model comparison with evidential deep learning", IEEE
+Trans. Neural Netw. Learn. Syst. 34, 2023).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass, field
+from functools import cached_property
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.posterior.sets import Sets
+
+Array = NDArray[np.float64]
+FORBIDDEN = -1e9
+"""Logit of what is not allowed: its exponential is 0 beside any other, and it can be subtracted,
+which infinity cannot."""
+
+
+@dataclass(frozen=True)
+class NetworkConstants:
+    """The network and its training; chosen by hand, judged by `python studies/diagnosis_planar.py`.
+
+    Attributes:
+        hidden: widths of the layers.
+        first_outputs: weights of the last layer that training starts from, over He's.
+        rate: of Adam, falling linearly.
+        last_rate: of Adam at the end, over the first.
+        mean_share, square_share: of a step's slope in Adam's running means, 1 - beta_1 and 1 -
+            beta_2; with `least_root` the values of Kingma and Ba.
+        least_root: added to the root of the mean square, their epsilon.
+        decay: of weights.
+        dropout: share of units that a step leaves out.
+        batch: campaigns a step.
+        passes: over the training campaigns.
+        least_passes: before the best weights are looked for.
+    """
+
+    hidden: tuple[int, ...] = (256, 128)
+    first_outputs: float = 0.1
+    rate: float = 2e-3
+    last_rate: float = 0.05
+    mean_share: float = 0.1
+    square_share: float = 0.001
+    least_root: float = 1e-8
+    decay: float = 3e-4
+    dropout: float = 0.5
+    batch: int = 256
+    passes: int = 120
+    least_passes: int = 16
+
+
+NETWORK = NetworkConstants()
+
+
+@dataclass(eq=False)
+class Network:
+    """Weights, and what they make of summaries.
+
+    Attributes:
+        sets: the hypotheses.
+        weights, biases: of each layer.
+    """
+
+    sets: Sets
+    weights: list[Array] = field(default_factory=list)
+    biases: list[Array] = field(default_factory=list)
+
+    @classmethod
+    def drawn(cls, sets: Sets, inputs: int, rng: np.random.Generator) -> Network:
+        """With the weights that training starts from (He initialisation)."""
+        sizes = [inputs, *NETWORK.hidden, 2 * len(sets.names) + 1 + len(sets.by_size)]
+        weights = [rng.standard_normal((a, b)) * np.sqrt(2 / a) for a, b in pairwise(sizes)]
+        weights[-1] *= NETWORK.first_outputs
+        return cls(sets, weights, [np.zeros(b) for b in sizes[1:]])
+
+    def log_probability(self, inputs: Array, allowed: NDArray[np.bool_]) -> Array:
+        """Of every set, shape (n, sets).
+
+        Args:
+            inputs: shape (n, inputs).
+            allowed: effects that the hypotheses may hold, shape (n, effects).
+        """
+        return _log_softmax(self._logits(self._layers(inputs, None)[0][-1], allowed))
+
+    def _layers(
+        self, inputs: Array, rng: np.random.Generator | None
+    ) -> tuple[list[Array], list[Array]]:
+        """Values of every layer, and which units are kept (all without `rng`)."""
+        values, kept = [inputs], []
+        for weight, bias in zip(self.weights[:-1], self.biases[:-1], strict=True):
+            value = np.maximum(values[-1] @ weight + bias, 0.0)
+            keep = np.ones(1)
+            if rng is not None:
+                keep = (rng.random(value.shape) > NETWORK.dropout) / (1 - NETWORK.dropout)
+            values.append(value * keep)
+            kept.append(keep)
+        return [*values, values[-1] @ self.weights[-1] + self.biases[-1]], kept
+
+    def _logits(self, outputs: Array, allowed: NDArray[np.bool_]) -> Array:
+        return np.where(self.sets.allowed(allowed), outputs @ self._own.T, FORBIDDEN)
+
+    def step(
+        self,
+        inputs: Array,
+        allowed: NDArray[np.bool_],
+        truth: NDArray[np.int64],
+        weight: Array,
+        rng: np.random.Generator,
+    ) -> list[Array]:
+        """Gradients of the weighted logarithmic score: of weights, then of biases."""
+        values, kept = self._layers(inputs, rng)
+        back = self._slope(values[-1], allowed, truth) * (weight / weight.sum())[:, None]
+        weights: list[Array] = []
+        biases: list[Array] = []
+        for layer in range(len(self.weights) - 1, -1, -1):
+            weights.insert(0, values[layer].T @ back + NETWORK.decay * self.weights[layer])
+            biases.insert(0, back.sum(axis=0))
+            if layer:
+                back = (back @ self.weights[layer].T) * kept[layer - 1] * (values[layer] > 0)
+        return [*weights, *biases]
+
+    def score(self, inputs: Array, allowed: NDArray[np.bool_], truth: NDArray[np.int64]) -> Array:
+        """Log probability of the true set, shape (n,).
+
+        Args:
+            inputs: shape (n, inputs).
+            allowed: effects that the hypotheses may hold, shape (n, effects).
+            truth: index of the true set, which is allowed, shape (n,).
+        """
+        outputs = self._layers(inputs, None)[0][-1]
+        logits, *_ = self._kinds(outputs, allowed)
+        most = logits.max(axis=1, keepdims=True)
+        total = np.log(np.exp(logits - most).sum(axis=1)) + most[:, 0]
+        return np.asarray((outputs * self._own[truth]).sum(axis=1) - total)
+
+    def _kinds(
+        self, outputs: Array, allowed: NDArray[np.bool_]
+    ) -> tuple[Array, Array, list[Array]]:
+        """Logits of every effect alone, of none, of all sets of each size together, of outside.
+
+        The sum over sets of one size of the products of their parts is an elementary symmetric
+        polynomial of the parts, so that no set is computed by itself.
+
+        Returns:
+            The logits; of every part its exponential, over that of the greatest; the polynomials.
+        """
+        count, sizes = len(self.sets.names), len(self.sets.by_size)
+        own = np.where(allowed, outputs[:, :count], FORBIDDEN)
+        part = np.where(allowed, outputs[:, count : 2 * count], FORBIDDEN)
+        kinds = np.array(outputs[:, 2 * count :])
+        most = part.max(axis=1, keepdims=True)
+        factor = np.exp(part - most)
+        sums = _symmetric_sums(factor, sizes)
+        for size in range(2, sizes + 1):
+            kinds[:, [size - 1]] += size * most + np.log(sums[size])
+        return np.concatenate([own, kinds], axis=1), factor, sums
+
+    def _slope(self, outputs: Array, allowed: NDArray[np.bool_], truth: NDArray[np.int64]) -> Array:
+        """Of minus the log probability of the truth, by the outputs."""
+        count = len(self.sets.names)
+        logits, factor, sums = self._kinds(outputs, allowed)
+        probability = np.exp(_log_softmax(logits))
+        out = np.zeros(outputs.shape)
+        out[:, :count], out[:, 2 * count :] = probability[:, :count], probability[:, count:]
+        before, after = (
+            _sums_before(one, len(self.sets.by_size) - 1) for one in (factor, factor[:, ::-1])
+        )
+        for size in range(2, len(self.sets.by_size) + 1):
+            # The polynomial of the other parts, one size smaller; all terms are positive.
+            others = sum(before[k] * after[size - 1 - k][:, ::-1] for k in range(size))
+            of_size = probability[:, [count + size - 1]]
+            out[:, count : 2 * count] += of_size * factor * others / sums[size]
+        out -= self._own[truth]
+        return out
+
+    @cached_property
+    def _own(self) -> Array:
+        """Outputs of which the logit of each set is the sum, shape (sets, outputs)."""
+        count, size = len(self.sets.names), self.sets.size
+        out = np.zeros((len(self.sets), 2 * count + 1 + len(self.sets.by_size)))
+        out[1 : 1 + count, :count] = np.eye(count)
+        larger = np.flatnonzero(size > 1)
+        out[larger, count : 2 * count] = self.sets.members[larger]
+        out[larger, 2 * count + size[larger] - 1] = 1.0
+        out[0, 2 * count] = out[-1, -1] = 1.0
+        return out
+
+
+def _symmetric_sums(factor: Array, most: int) -> list[Array]:
+    """Elementary symmetric polynomials of each row, of degree 0 to `most`, each shape (n, 1)."""
+    before = _sums_before(factor, most - 1)
+    sums = [(factor * one).sum(axis=1, keepdims=True) for one in before]
+    return [np.ones((len(factor), 1)), *[np.maximum(one, 1e-300) for one in sums]]
+
+
+def _sums_before(factor: Array, most: int) -> list[Array]:
+    """The same of the factors before each place, each of the shape of `factor`.
+
+    Nothing is subtracted: factors of one row may differ by more than a number has digits.
+    """
+    out = [np.ones(factor.shape)]
+    for _ in range(most):
+        running = np.cumsum(factor * out[-1], axis=1)
+        out.append(np.concatenate([np.zeros((len(factor), 1)), running[:, :-1]], axis=1))
+    return out
+
+
+Batches = Callable[[np.random.Generator], tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array]]
+"""One pass of training campaigns: inputs, allowed effects, true sets, weights."""
+
+
+def train_network(
+    sets: Sets,
+    batches: Batches,
+    held_out: tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array],
+    rng: np.random.Generator,
+) -> Network:
+    """Train by Adam, and keep the weights that are best on held-out campaigns.
+
+    D. P. Kingma and J. Ba, "Adam: a method for stochastic optimization", 2015.
+
+    Args:
+        sets: the hypotheses.
+        batches: makes one pass of training campaigns.
+        held_out: campaigns by which training is stopped.
+        rng: of weights, order and dropout.
+    """
+    first = batches(rng)
+    network = Network.drawn(sets, first[0].shape[1], rng)
+    parameters = [*network.weights, *network.biases]
+    mean = [np.zeros_like(one) for one in parameters]
+    square = [np.zeros_like(one) for one in parameters]
+    kept_mean, kept_square = 1 - NETWORK.mean_share, 1 - NETWORK.square_share
+    best, kept, count = np.inf, [one.copy() for one in parameters], 0
+    for number in range(NETWORK.passes):
+        rate = NETWORK.rate * max(1 - number / NETWORK.passes, NETWORK.last_rate)
+        inputs, allowed, truth, weight = batches(rng)
+        for start in range(0, len(truth), NETWORK.batch):
+            part = slice(start, start + NETWORK.batch)
+            count += 1
+            slopes = network.step(inputs[part], allowed[part], truth[part], weight[part], rng)
+            for k, (one, slope) in enumerate(zip(parameters, slopes, strict=True)):
+                mean[k] = kept_mean * mean[k] + NETWORK.mean_share * slope
+                square[k] = kept_square * square[k] + NETWORK.square_share * slope**2
+                step = mean[k] / (1 - kept_mean**count)
+                root = np.sqrt(square[k] / (1 - kept_square**count))
+                one -= rate * step / (root + NETWORK.least_root)
+        if number + 1 >= NETWORK.least_passes:
+            score = log_score(network, *held_out)
+            if score < best:
+                best, kept = score, [one.copy() for one in parameters]
+    layers = len(network.weights)
+    return Network(sets, kept[:layers], kept[layers:])
+
+
+def log_score(
+    network: Network,
+    inputs: Array,
+    allowed: NDArray[np.bool_],
+    truth: NDArray[np.int64],
+    weight: Array,
+) -> float:
+    """Weighted mean of minus the log probability of the true set [nat]."""
+    found = network.score(inputs, allowed, truth)
+    return float(-(weight * found).sum() / weight.sum())
+
+
+def _log_softmax(logits: Array) -> Array:
+    shifted = logits - logits.max(axis=1, keepdims=True)
+    return np.asarray(shifted - np.log(np.exp(shifted).sum(axis=1, keepdims=True)))

@@ -1,0 +1,31 @@
+"""Tuned numbers of the learned posterior, gathered for provenance."""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import Any
+
+from vsr2.posterior.calibration import CALIBRATED
+from vsr2.posterior.discrepancy import DISCREPANCY
+from vsr2.posterior.goodness_of_fit import LIBRARY_FIT
+from vsr2.posterior.naming import NAMING
+from vsr2.posterior.network import NETWORK
+from vsr2.posterior.parameters import PARAMETERS
+from vsr2.posterior.summaries import SUMMARY
+from vsr2.posterior.training import TRAINING
+from vsr2.posterior.truth import PRIOR
+
+
+def posterior_constants() -> dict[str, dict[str, Any]]:
+    """Tuned numbers of training, calibration and naming, by what they are of."""
+    return {
+        "discrepancy": asdict(DISCREPANCY),
+        "summaries": asdict(SUMMARY),
+        "network": asdict(NETWORK),
+        "prior": asdict(PRIOR),
+        "training": asdict(TRAINING),
+        "calibration": asdict(CALIBRATED),
+        "parameters": asdict(PARAMETERS),
+        "library_fit": asdict(LIBRARY_FIT),
+        "naming": asdict(NAMING),
+    }

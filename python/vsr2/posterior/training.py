@@ -1,0 +1,285 @@
+"""Training of the posterior on simulated campaigns, and its calibration on those held out."""
+
+from __future__ import annotations
+
+import logging
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.ensemble.observed.observations import Observations
+from vsr2.ensemble.observed.random_streams import Stream, generator
+from vsr2.ensemble.simulated.campaigns import Campaigns
+from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
+from vsr2.ensemble.simulated.library import Library
+from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
+from vsr2.one_line import counted
+from vsr2.posterior.calibration import Levels, Logs, calibrate, pooled
+from vsr2.posterior.discrepancy import Disturbance
+from vsr2.posterior.goodness_of_fit import LibraryFit, fit_probability, held_out_misfits, misfit
+from vsr2.posterior.naming import Naming, candidates, decide
+from vsr2.posterior.network import Network, train_network
+from vsr2.posterior.parameters import Parameters, fit_parameters
+from vsr2.posterior.sets import Sets
+from vsr2.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries
+from vsr2.posterior.truth import PRIOR, Truth, left_out_together
+
+_logger = logging.getLogger(__name__)
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+
+
+@dataclass(frozen=True)
+class TrainingConstants:
+    """How much is trained; chosen by hand.
+
+    Attributes:
+        copies: disturbed copies of each campaign.
+        passed: copies of each campaign in one pass of training.
+        seeds: networks that are trained for each fold.
+        added_scale: to the standard deviation by which each summary is divided, which may be 0.
+    """
+
+    copies: int = 4
+    passed: int = 2
+    seeds: int = 2
+    added_scale: float = 1e-6
+
+
+TRAINING = TrainingConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class Found:
+    """Inference on one campaign.
+
+    Attributes:
+        probability: of every set, shape (sets,).
+        residuals: standardised, shape (columns,).
+        summaries: shape (summaries,).
+        fit: tail probability of the campaign among simulated ones without effect.
+        library_fit: tail probability of what the library leaves unexplained, among simulated ones.
+        naming: what is said.
+    """
+
+    probability: Array
+    residuals: Array
+    summaries: Array
+    fit: float
+    library_fit: float
+    naming: Naming
+
+
+@dataclass(frozen=True, eq=False)
+class Posterior:
+    """The trained posterior of one protocol at one tier.
+
+    Attributes:
+        sets: hypotheses.
+        standard, summaries: from campaigns to summaries.
+        centre, scale: of summaries, shape (summaries,).
+        networks: some a fold.
+        levels: calibrated.
+        parameters: of effects.
+        alike: which effects are declared alike, shape (effects, effects).
+        gap_free: residuals of campaigns without effect, disturbed, shape (n, columns).
+        misfits: of campaigns without effect, disturbed and held out, rising, shape (n,).
+        library_fit: what it leaves unexplained of simulated campaigns.
+        campaigns: number that it was trained on.
+        excused: misfit up to which campaigns fit, as those of references do.
+    """
+
+    sets: Sets
+    standard: Standard
+    summaries: Summaries
+    centre: Array
+    scale: Array
+    networks: tuple[Network, ...]
+    levels: Levels
+    parameters: Parameters
+    alike: Bools
+    gap_free: Array
+    misfits: Array
+    library_fit: LibraryFit
+    campaigns: int
+    excused: float = 0.0
+
+    @one_blas_thread()
+    def infer(self, overturned: Array, features: Array, excluded: Collection[str] = ()) -> Found:
+        """Probability of every set, and what is said.
+
+        Args:
+            overturned: outcomes of the trials that were simulated, shape (trials,).
+            features: shape (trials, k).
+            excluded: effects that the library lacks for this campaign.
+        """
+        residuals = self.standard.residuals(overturned[None], features[None])
+        summaries = self.summaries(residuals)
+        allowed = ~np.isin(self.sets.names, list(excluded))[None]
+        inputs = network_inputs(self, summaries, allowed)
+        logs = np.stack([one.log_probability(inputs, allowed)[0] for one in self.networks])
+        probability = pooled(logs, self.levels.temperature)
+        size = float(misfit(residuals[0]))
+        fit = 1.0 if size <= self.excused else float(fit_probability(np.array(size), self.misfits))
+        misfits, unexplained = self.summaries.unexplained(summaries)
+        library_fit = self.library_fit.probability(float(misfits[0]), float(unexplained[0]))
+        said = decide(
+            candidates(probability, self.sets, self.alike),
+            self.levels.naming,
+            self.alike,
+            fit=fit,
+            library_fit=library_fit,
+        )
+        return Found(probability, residuals[0], summaries[0], fit, library_fit, said)
+
+    def with_references(self, references: Sequence[Found]) -> Posterior:
+        """The same, where campaigns that have no effect are known.
+
+        Whatever has at least the probability of none that one of them has is no gap by the
+        posterior, and whatever fits at least as well as one of them fits: so little comes without
+        an effect.
+
+        Args:
+            references: inference on each of them.
+        """
+        none = min([self.levels.none_limit, *(float(one.probability[0]) for one in references)])
+        excused = max([self.excused, *(float(misfit(one.residuals)) for one in references)])
+        return replace(self, levels=replace(self.levels, none_limit=none), excused=excused)
+
+
+def network_inputs(posterior: Posterior | _Scaled, summaries: Array, allowed: Bools) -> Array:
+    """Standardised summaries, those of excluded effects 0, and which effects are excluded."""
+    scaled = (summaries - posterior.centre) / posterior.scale
+    effect = posterior.summaries.effect
+    own = np.flatnonzero(effect >= 0)
+    scaled[:, own] *= allowed[:, effect[own]]
+    return np.concatenate([scaled, ~allowed], axis=1)
+
+
+@dataclass(frozen=True, eq=False)
+class _Scaled:
+    """What network inputs need of a posterior."""
+
+    summaries: Summaries
+    centre: Array
+    scale: Array
+
+
+def training_features(seen: Observations, campaigns: Campaigns, seed: int) -> Array:
+    """Features on which is trained, with the noise of measurements.
+
+    Args:
+        seen: the observed campaign.
+        campaigns: simulated, of the same trials.
+        seed: of the training.
+    """
+    rng = generator(seed, Stream.TRAINING_NOISE)
+    return seen.noted(campaigns.overturned, campaigns.peak_tilt, campaigns.features, rng)
+
+
+@one_blas_thread()
+def train(
+    seen: Observations,
+    campaigns: Campaigns,
+    library: Library,
+    trials: NDArray[np.int64],
+    *,
+    most: int = HYPOTHESIS.usual_effects,
+    seed: int = 0,
+) -> Posterior:
+    """Train on simulated campaigns.
+
+    Args:
+        seen: the observed campaign, for what its tier measures and with which noise.
+        campaigns: simulated, of the same trials.
+        library: effects, in the order of the hypotheses.
+        trials: indices of those simulated.
+        most: effects that may act together.
+        seed: of everything random.
+    """
+    sets = Sets(tuple(library), most)
+    overturned, features = campaigns.overturned, training_features(seen, campaigns, seed)
+    plain = campaigns.gap_free
+    disturbed = Disturbance.of(overturned[plain], features[plain], seen.motion[trials])
+    rng = generator(seed, Stream.COPIES)
+    copies = [(overturned, features)] + [
+        disturbed(overturned, features, rng) for _ in range(TRAINING.copies)
+    ]
+    standard = Standard.of(
+        np.concatenate([one for one, _ in copies]),
+        np.concatenate([one for _, one in copies]),
+        np.concatenate([plain] * len(copies)),
+    )
+    residuals = [standard.residuals(*one) for one in copies]
+    fold = rng.permutation(len(campaigns)) % SUMMARY.folds
+    summaries, found = fit_summaries(residuals, campaigns, sets.names, fold, len(trials))
+    everything = np.concatenate(found)
+    scale = everything.std(axis=0) + TRAINING.added_scale
+    scaled = _Scaled(summaries, everything.mean(axis=0), scale)
+    truth = Truth.of(campaigns, sets, library)
+    networks, logs = _networks(scaled, found, truth, fold, seed)
+    misfits = held_out_misfits(copies, plain, fold)
+    gap_free_misfits = np.sort(misfits[:, plain], axis=None)
+    library_fit = LibraryFit.of(*summaries.unexplained(np.concatenate(found[1:])))
+    # Of the copy that the log probabilities are of.
+    fits = [
+        library_fit.probability(float(size), float(unexplained))
+        for size, unexplained in zip(*summaries.unexplained(found[-1]), strict=True)
+    ]
+    levels = calibrate(
+        logs, truth, (fit_probability(misfits[-1], gap_free_misfits), np.array(fits))
+    )
+    _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
+    disturbed_plain = np.concatenate([one[plain] for one in residuals[1:]])
+    return Posterior(
+        sets, standard, summaries, scaled.centre, scaled.scale, networks, levels,
+        fit_parameters(library, campaigns, residuals[1]),
+        truth.alike, disturbed_plain, gap_free_misfits, library_fit, len(campaigns),
+    )  # fmt: skip
+
+
+def _networks(
+    scaled: _Scaled, found: Sequence[Array], truth: Truth, fold: NDArray[np.int64], seed: int
+) -> tuple[tuple[Network, ...], Logs]:
+    """Networks of each fold, and what they make of the campaigns that they did not see."""
+    count, effects = truth.acting.shape
+    everything = np.ones((count, effects), dtype=bool)
+    rng = generator(seed, Stream.LACKING)
+    lacking = _own_left_out(truth, rng)
+    out = tuple(np.zeros((TRAINING.seeds, count, len(truth.sets))) for _ in range(2))
+    networks: list[Network] = []
+    for k in range(SUMMARY.folds):
+        train_rows, held = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+
+        def batches(
+            draw: np.random.Generator, rows: NDArray[np.int64] = train_rows
+        ) -> tuple[Array, Bools, NDArray[np.int64], Array]:
+            chosen = draw.permutation(np.concatenate([rows] * TRAINING.passed))
+            copy = draw.integers(0, len(found), chosen.size)
+            summaries = np.stack(found)[copy, chosen]
+            allowed, outside = truth.without(draw, chosen)
+            index = np.where(outside, truth.sets.outside, truth.index[chosen])
+            share = outside.mean() / max(1 - outside.mean(), 1e-9)
+            odds = PRIOR.outside / (1 - PRIOR.outside) / max(share, 1e-9)
+            weight = np.where(outside, odds, 1.0) * truth.weight[chosen]
+            return network_inputs(scaled, summaries, allowed), allowed, index, weight
+
+        inputs = network_inputs(scaled, found[1][held], everything[held])
+        judged = (inputs, everything[held], truth.index[held], truth.weight[held])
+        for i in range(TRAINING.seeds):
+            rng = generator(seed, Stream.WEIGHTS, len(networks))
+            network = train_network(truth.sets, batches, judged, rng)
+            networks.append(network)
+            for target, allowed in zip(out, (everything[held], lacking[held]), strict=True):
+                own = network_inputs(scaled, found[-1][held], allowed)
+                target[i, held] = network.log_probability(own, allowed)
+    return tuple(networks), (out[0], out[1])
+
+
+def _own_left_out(truth: Truth, rng: np.random.Generator) -> Bools:
+    """Effects of a library that lacks one that acts, shape (n, effects)."""
+    pick = (rng.random(truth.acting.shape) * truth.acting).argmax(axis=1)
+    plain: Bools = np.asarray(~truth.acting.any(axis=1))
+    return ~left_out_together(truth.alike, pick, rng) | plain[:, None]
