@@ -8,7 +8,7 @@
 specimen under its 299 motions, in the scene of lab_diagnosis.yaml, as `vsr2 campaign import-lab
 SOURCE --out out/lab` prepares it. Campaigns are planted with nuisances drawn from another seed, at
 tier M. The first is diagnosed with the whole library within the processor time, from an empty
-cache. The others get as many simulated campaigns as the first could afford, out of that cache. Each
+cache. The others get as many simulated campaigns, of as many trials, out of that cache. Each
 further number of minutes goes on with the cache: 10 and 50 make an hour. Last comes what the
 laboratory observed, at tier B. Writes `table.csv`.
 """
@@ -106,6 +106,7 @@ def row(planted: str, minutes: float, found: Diagnosis, spent_s: float) -> dict[
         "simulations": budget["simulations"],
         "reused": budget["reused"],
         "campaigns": budget["campaigns"],
+        "trials": budget["trials"],
         "verdict": found.kind,
         "named": " ".join(found.effects),
         "probability": f"{content['verdict']['probability']:.3f}",
@@ -147,20 +148,21 @@ def main() -> None:
         campaigns.append(("as observed", setup.observed))
     rows = []
     for minutes, total in zip(options.cpu_minutes, accumulate(options.cpu_minutes), strict=True):
-        affordable = None
+        affordable = trials = None
         for planted, campaign in campaigns:
             begun = time.process_time()
             found = diagnose(
                 campaign,
                 setup.scene,
                 out=out / "cache",
-                budget=Budget(cpu_minutes=minutes, campaigns=affordable),
+                budget=Budget(cpu_minutes=minutes, campaigns=affordable, trials=trials),
                 execution=Execution(options.threads, report=ProgressLines()),
             )
             if affordable is None:
                 # Those of the look, which all diagnoses have, do not count.
                 trained = found.content["posterior"]["campaigns"] - LOOK.plain
                 affordable = max(trained, SCHEDULE.fewest)
+                trials = found.content["provenance"]["budget"]["trials"]
             rows.append(row(planted, total, found, time.process_time() - begun))
             print(rows[-1], flush=True)
             write(out / "table.csv", rows)

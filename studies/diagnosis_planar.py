@@ -1,7 +1,7 @@
 """How well the diagnosis does on campaigns of a planar block whose cause is known.
 
     python studies/diagnosis_planar.py [--motions N] [--scalings N] [--planted N]
-        [--campaigns N ...] [--tiers BMT] [--seed N] [--out FOLDER]
+        [--campaigns N ...] [--trials N] [--tiers BMT] [--seed N] [--out FOLDER]
 
 One schedule of trials is looked at and simulated once; posteriors are trained on the first 500,
 2,000 and 8,000 simulated campaigns. Planted campaigns come from the same prior over sets (none,
@@ -341,6 +341,7 @@ def main() -> None:
     parser.add_argument("--scalings", type=int, default=10, help="trials of each motion")
     parser.add_argument("--planted", type=int, default=600)
     parser.add_argument("--campaigns", type=int, nargs="+", default=[500, 2000, 8000])
+    parser.add_argument("--trials", type=int, help="of each simulated campaign (default: all)")
     parser.add_argument("--tiers", default="BMT")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("out/diagnosis_planar"))
@@ -350,7 +351,7 @@ def main() -> None:
     own = PlanarSimulator(campaign, series=True, seed=1 + options.seed)
     truth = PlanarSimulator(campaign, series=True, seed=10_000 + options.seed)
     rehearsal = Rehearsal(
-        own, campaign, campaigns=max(options.campaigns),
+        own, campaign, campaigns=max(options.campaigns), trials=options.trials,
         cache=options.out / "simulations.jsonl", seed=options.seed,
     )  # fmt: skip
     with SimulationCache(truth, options.out / "planted.jsonl", chunk=8192) as cache:

@@ -126,6 +126,7 @@ class Rehearsal:
         simulator: of the diagnosis; gives series if tier T is wanted.
         campaign: the schedule; outcomes are not read.
         campaigns: simulated ones that the posterior is trained on, beside those of the look.
+        trials: of each, evenly spread; None: all that respond.
         noise: standard error of the largest tilt [rad].
         cache: file of simulations; None: in memory.
         seed: of look, campaigns and training.
@@ -133,7 +134,7 @@ class Rehearsal:
     Attributes:
         cache: of simulations.
         look: detection limits.
-        trials: indices of those that respond.
+        trials: indices of those that are simulated.
     """
 
     def __init__(
@@ -142,6 +143,7 @@ class Rehearsal:
         campaign: Campaign,
         *,
         campaigns: int = 1000,
+        trials: int | None = None,
         noise: float = 0.003,
         cache: Path | None = None,
         seed: int = 0,
@@ -159,7 +161,7 @@ class Rehearsal:
         self._trained: dict[tuple[Tier, int], Posterior] = {}
         self.cache = SimulationCache(simulator, cache, chunk=8192)
         self.look = look(self.cache, len(campaign), seed=seed)
-        self.trials = self.look.responding
+        self.trials = self.look.spread(trials or len(campaign))
         self._plain = plain_campaigns(self.cache, self.trials)
         self._campaigns = simulate_campaigns(
             self.cache, self.look, self.trials, range(campaigns), seed=seed

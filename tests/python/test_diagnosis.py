@@ -175,6 +175,30 @@ def test_without_how_far_the_verdict_is_the_same(protocol, found) -> None:
     assert quick["provenance"]["held_out"] is False
 
 
+def test_campaigns_of_a_part_of_the_trials_are_judged_on_all(protocol, found) -> None:
+    budget = Budget(campaigns=CAMPAIGNS, trials=40)
+    part = protocol.diagnose(CATCH, budget=budget, waterfall=True)
+    content, responding = part.content, found.content["campaign"]["responding_trials"]
+    assert responding > 40
+    assert content["effects"][0]["name"] == "catch"
+    assert content["provenance"]["budget"]["trials"] == 40
+    assert content["campaign"]["responding_trials"] == responding
+    limits = {one["code"]: one for one in content["limits"]}
+    assert limits["part_of_trials"]["values"] == {"count": 40, "of": responding}
+    assert "part_of_trials" not in [one["code"] for one in found.content["limits"]]
+    # Judged are all, by what the others of these 40 say; the waterfall is of the 40.
+    judged = [row for row in part.trials if row["uncertain"]]
+    assert len(judged) == responding
+    assert all(np.isfinite([row["after"], row["loss_after"]]).all() for row in judged)
+    assert [row["before"] for row in part.trials] == [row["before"] for row in found.trials]
+    assert sum(np.isfinite(row["predicted"]) for row in part.trials) == 40
+    assert content["gap"]["closure"]["value"] > 0.3
+    assert without_cost(protocol.diagnose(CATCH, budget=budget, waterfall=True)) == without_cost(
+        part
+    )
+    jsonschema.validate(json.loads(part.to_json()), schema())
+
+
 def test_an_effect_that_is_left_out_is_not_named_and_nothing_else_is(protocol) -> None:
     for nuisance in (2, 3):
         content = protocol.diagnose(CATCH, nuisance=nuisance, excluded=("catch",)).content

@@ -12,7 +12,7 @@ from vsr2.diagnosis import Budget
 from vsr2.diagnosis import budget as module
 from vsr2.diagnosis import diagnose as api
 from vsr2.diagnosis.budget import SCHEDULE, Schedule, Stopwatch
-from vsr2.diagnosis.how_far.held_out import simulations
+from vsr2.diagnosis.how_far.held_out import simulations as judging
 from vsr2.ensemble import Execution
 from vsr2.ensemble.noise_floor import NOISE_FLOOR
 from vsr2.ensemble.simulated.look import LOOK, tries
@@ -50,16 +50,17 @@ class Clock:
         """A diagnosis from look to judgement."""
         self.simulate(self.schedule.plain * self.trials)
         self.simulate(tries(PLANAR_LIBRARY) * self.schedule.look_trials)
-        while count := self.schedule.next_campaigns(self.done, self.trials):
+        trials = self.schedule.campaign_trials(self.trials)
+        while count := self.schedule.next_campaigns(self.done, trials):
             assert count > 0
-            self.simulate(count * self.trials)
+            self.simulate(count * trials)
             self.done += count
             if self.first is None and self.schedule.first_answer(self.done):
                 self.train(self.done)
                 self.first = self.now - 1000.0
         self.train(self.done)
         runs = NOISE_FLOOR.runs * min(self.trials, NOISE_FLOOR.most_trials)
-        self.simulate(simulations(self.trials) + runs)
+        self.simulate(judging(self.trials) + runs)
         return self.now - 1000.0
 
 
@@ -121,6 +122,30 @@ def test_the_least_is_simulated_whatever_the_budget_and_no_more_than_the_most(mo
     assert ample.schedule.look_trials == LOOK.trials
 
 
+@pytest.mark.parametrize("simulations", [20_000, 60_000, 150_000, 400_000])
+def test_campaigns_come_before_trials(monkeypatch, simulations) -> None:
+    clock = Clock(Budget(simulations=simulations), monkeypatch, trials=300)
+    clock.simulate(clock.schedule.plain * 300)
+    wanted = SCHEDULE.wanted * len(PLANAR_LIBRARY)
+    found = clock.schedule.campaign_trials(250)
+    assert SCHEDULE.least_trials <= found <= 250
+    asked = judging(250) + NOISE_FLOOR.runs * NOISE_FLOOR.most_trials
+    left = simulations - clock.cache.asked - asked
+    if found > SCHEDULE.least_trials:
+        assert found * wanted <= left
+    if found < 250:
+        assert (found + 1) * wanted > left
+
+
+def test_a_number_of_campaigns_or_trials_is_kept(monkeypatch) -> None:
+    def trials(**options: int) -> int:
+        return Clock(Budget(**options), monkeypatch).schedule.campaign_trials(55)
+
+    assert trials(campaigns=150) == 55
+    assert trials(campaigns=150, trials=48) == trials(simulations=10**7, trials=48) == 48
+    assert trials(simulations=10, trials=90) == 55
+
+
 @pytest.mark.parametrize(
     "budget", [Budget(minutes=5.0), Budget(simulations=40_000), Budget(campaigns=400)]
 )
@@ -138,7 +163,7 @@ def test_progress_rises_to_all_and_what_is_left_falls(monkeypatch, budget) -> No
     assert 0.75 < shares[-1] <= 1
     assert (np.diff(left) < 0).all()
     # What is left at the end is judging, and what time there is beside it.
-    assert left[-1] >= clock.schedule.judging_s(TRIALS) - 1e-9
+    assert left[-1] >= clock.schedule.judging_s - 1e-9
 
 
 @pytest.mark.parametrize(
@@ -149,6 +174,7 @@ def test_progress_rises_to_all_and_what_is_left_falls(monkeypatch, budget) -> No
         ({"cpu_minutes": 0.0}, "budget_cpu_minutes is 0.0; give a finite number of minutes above"),
         ({"simulations": 0}, "simulations is 0; give at least 1"),
         ({"campaigns": 149}, "campaigns is 149; give at least 150"),
+        ({"trials": 39}, "campaign_trials is 39; give at least 40"),
     ],
 )
 def test_a_budget_that_cannot_be_is_refused(options, message) -> None:

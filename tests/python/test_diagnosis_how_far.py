@@ -86,7 +86,7 @@ def losses_of(names=("wear",), **given):
     values = {name: np.array(given[name], dtype=float) for name in Loss}
     count = values["before"].size
     blank = np.full(count, 0.5)
-    return HowFar(values, blank, blank, np.arange(count) % 2, names)
+    return HowFar(values, blank, blank, np.arange(count), np.arange(count) % 2, names)
 
 
 GIVEN = {
@@ -278,9 +278,9 @@ def test_rows_are_those_of_all_trials(judged) -> None:
     part = replace(
         found,
         losses={name: values[1:] for name, values in found.losses.items()},
-        before=found.before[1:], after=found.after[1:], motion=found.motion[1:],
+        before=found.before[1:], after=found.after[1:], trials=kept[1:], motion=found.motion[1:],
     )  # fmt: skip
-    table = rows(part, seen, kept[1:])
+    table = rows(part, seen, {int(kept[3]): 0.25})
     assert [row["trial"] for row in table] == [t.trial for t in seen.campaign.trials]
     assert [row["uncertain"] for row in table] == [int(i in kept[1:]) for i in range(len(seen))]
     i = int(kept[5])
@@ -289,6 +289,8 @@ def test_rows_are_those_of_all_trials(judged) -> None:
     assert table[i]["floor"] == found.losses["floor"][5]
     assert table[i]["overturned"] == seen.overturned[i]
     assert np.isnan(table[int(kept[0])]["before"])
+    assert [row["predicted"] for row in table if np.isfinite(row["predicted"])] == [0.25]
+    assert table[int(kept[3])]["predicted"] == 0.25
 
 
 # --- the noise floor -----------------------------------------------------------------------------

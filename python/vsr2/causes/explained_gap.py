@@ -89,7 +89,8 @@ def explained_gap(
     scatter = means[_label(())]
     gap = before - means[Loss.FLOOR]
     own = {name: losses[name] for name in Loss}
-    judged_gap = HowFar(own, as_it_is.probability, judged.everything, motion, judged.causes)
+    every = np.arange(motion.size)
+    judged_gap = HowFar(own, as_it_is.probability, judged.everything, every, motion, judged.causes)
 
     def closes(model: Array) -> dict[str, Any]:
         return {

@@ -54,6 +54,8 @@ class Effort:
         simulations: so many at most instead of a time; more where the trials need more
         campaigns: so many simulated campaigns, 150 at least, whatever they cost: equal numbers give
             equal verdicts, and campaigns of one set-up share them
+        campaign_trials: so many trials of each simulated campaign, 40 at least (default: all with
+            --campaigns, else as many as leave time for 60 campaigns of each effect)
         no_how_far: do not simulate again what is named, to say how far the gap shrinks; not with
             --waterfall
         waterfall: judge each of the likeliest causes, on motions that neither fit nor choice saw
@@ -72,6 +74,7 @@ class Effort:
     budget_cpu_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
     simulations: Annotated[opt.Integer | None, Parameter(group=BUDGET)] = None
     campaigns: Annotated[opt.Integer | None, Parameter(group=BUDGET)] = None
+    campaign_trials: opt.Integer | None = None
     no_how_far: bool = False
     waterfall: bool = False
     cache: Path | None = None
@@ -133,6 +136,7 @@ def diagnose(
                 effort.budget_minutes,
                 effort.simulations,
                 effort.campaigns,
+                effort.campaign_trials,
                 not effort.no_how_far,
                 effort.waterfall,
                 effort.budget_cpu_minutes,

@@ -9,6 +9,9 @@ from os import PathLike
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from vsr2.analysis.intervals import Score
 from vsr2.analysis.ranks import RANKS
 from vsr2.argument_names import checked_names
@@ -47,6 +50,8 @@ from vsr2.results.atomic import csv_text, write_text
 SCHEMA = "vsr2.posterior_check/1"
 CHUNK = 25
 """Planted campaigns that are simulated between two reports of progress; no result depends on it."""
+Trials = NDArray[np.int64]
+"""Indices of those of each campaign."""
 
 
 @dataclass(frozen=True, eq=False, repr=False)
@@ -245,12 +250,15 @@ def check_with(
         found = look(
             store, len(seen), most=looked_at["trials"], plain=looked_at["plain"], seed=seed
         )
-        disturbed = _disturbance(store, seen, found, count, (looked_at["plain"], most, seed))
+        trials = found.spread(known["budget"]["trials"])
+        disturbed = _disturbance(
+            store, seen, (found, trials), count, (looked_at["plain"], most, seed)
+        )
         chosen = draw_planted(
             simulator.library, found.limits, planted,
             most=most, excluded=known["excluded"], seed=seed,
         )  # fmt: skip
-        campaigns = _simulated(store, found, chosen, (most, seed), report)
+        campaigns = _simulated(store, (found, trials), chosen, (most, seed), report)
         simulated = store.simulated
     features = seen.noted(
         campaigns.overturned, campaigns.peak_tilt, campaigns.features,
@@ -296,7 +304,11 @@ def _finished(folder: Path) -> Mapping[str, Any]:
         )
     try:
         known = json.loads(path.read_text(encoding="utf-8"))["provenance"]
-        numbers = (known["seed"], known["budget"]["campaigns"], *known.get("look", {}).values())
+        budget = known["budget"]
+        numbers = (
+            known["seed"], budget["campaigns"], budget.get("trials", 0),
+            *known.get("look", {}).values(),
+        )  # fmt: skip
         if not all(type(one) is int for one in numbers):
             raise ValueError("numbers of the provenance")
         text = (known["simulator"], *known["excluded"])
@@ -304,10 +316,10 @@ def _finished(folder: Path) -> Mapping[str, Any]:
             raise ValueError("texts of the provenance")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ResultError(f"{path}: damaged ({error}); diagnose again") from error
-    if set(known.get("look", ())) != {"trials", "plain"}:
+    if set(known.get("look", ())) != {"trials", "plain"} or "trials" not in budget:
         raise DiagnosisError(
-            f"{path}: is of an older VSR2, which did not note how it looked; diagnose again, which "
-            "reuses the simulations"
+            f"{path}: is of an older VSR2, which did not note all that a check needs; diagnose "
+            "again, which reuses the simulations"
         )
     return dict(known)
 
@@ -315,13 +327,13 @@ def _finished(folder: Path) -> Mapping[str, Any]:
 def _disturbance(
     store: SimulationCache,
     seen: Observations,
-    found: Look,
+    looked: tuple[Look, Trials],
     count: int,
     settings: tuple[int, int, int],
 ) -> Disturbance:
     """As the training had it, from the same campaigns without effect."""
-    plain, most, seed = settings
-    library, trials = store.simulator.library, found.responding
+    (found, trials), (plain, most, seed) = looked, settings
+    library = store.simulator.library
     rows = [c for c in range(count) if not draw_set(library, found.limits, c, seed, most)]
     campaigns = plain_campaigns(store, trials, plain)
     if rows:
@@ -334,16 +346,16 @@ def _disturbance(
 
 def _simulated(
     store: SimulationCache,
-    found: Look,
+    looked: tuple[Look, Trials],
     planted: Sequence[Planted],
     settings: tuple[int, int],
     report: Report | None,
 ) -> Campaigns:
-    most, seed = settings
+    (found, trials), (most, seed) = looked, settings
     parts = []
     for start in range(0, len(planted), CHUNK):
         rows = [one.row for one in planted[start : start + CHUNK]]
-        parts.append(simulate_campaigns(store, found, found.responding, rows, most=most, seed=seed))
+        parts.append(simulate_campaigns(store, found, trials, rows, most=most, seed=seed))
         if report is not None:
             report(Progress(Stage.PLANTED, min(1.0, (start + CHUNK) / len(planted))))
     campaigns = parts[0]

@@ -1,4 +1,4 @@
-"""The budget: how many campaigns are simulated."""
+"""The budget: how many campaigns are simulated, and how many trials of each."""
 
 from __future__ import annotations
 
@@ -27,6 +27,8 @@ class ScheduleConstants:
         plain_share: of the simulations that may go into its draws without effect.
         chunk: campaigns simulated between two looks at the clock.
         fewest: campaigns that are simulated, whatever the budget.
+        wanted: campaigns for each effect that are simulated before they get more trials.
+        least_trials: of a campaign, however small the budget.
         most: campaigns that are simulated where the budget allows more.
         first: share of the budget after which there is a first answer.
         training_s: of a campaign, until a first training has been timed [s].
@@ -40,6 +42,8 @@ class ScheduleConstants:
     plain_share: float = 0.1
     chunk: int = 50
     fewest: int = 150
+    wanted: int = 60
+    least_trials: int = 40
     most: int = 8000
     first: float = 0.1
     training_s: float = 0.03
@@ -62,6 +66,8 @@ class Budget:
         simulations: their greatest number, however long they take; None: from `minutes`.
         campaigns: number of simulated campaigns, whatever they cost, so that all campaigns of one
             set-up share them; None: from the above. At least 150.
+        trials: of each simulated campaign; None: all where `campaigns` is given, else as many as
+            leave time for 60 campaigns of each effect, but 40 at least.
         held_out: simulate again what is named, on motions that were not seen; without it a
             diagnosis does not say how far the gap shrinks.
         waterfall: judge each of the likeliest causes on motions that neither fit nor choice saw,
@@ -76,6 +82,7 @@ class Budget:
     minutes: float = 10.0
     simulations: int | None = None
     campaigns: int | None = None
+    trials: int | None = None
     held_out: bool = True
     waterfall: bool = False
     cpu_minutes: float | None = None
@@ -92,6 +99,10 @@ class Budget:
             )
         if self.campaigns is not None and self.campaigns < SCHEDULE.fewest:
             raise DiagnosisError(f"campaigns is {self.campaigns}; give at least {SCHEDULE.fewest}")
+        if self.trials is not None and self.trials < SCHEDULE.least_trials:
+            raise DiagnosisError(
+                f"campaign_trials is {self.trials}; give at least {SCHEDULE.least_trials}"
+            )
 
 
 class Stopwatch:
@@ -138,6 +149,8 @@ class Schedule:
         self._cache = cache
         self._watch = watch
         self._training = SCHEDULE.training_s
+        self._judged = trials
+        self._wanted = SCHEDULE.wanted * len(library)
         allowed = self.allowed()
         self.look_trials, self.plain = most_tried(trials), LOOK.plain
         if budget.campaigns is None:
@@ -150,6 +163,26 @@ class Schedule:
     def campaigns(self) -> int | None:
         """Number of simulated campaigns, where the budget states it."""
         return self._budget.campaigns
+
+    def campaign_trials(self, responding: int) -> int:
+        """How many trials of a campaign to simulate.
+
+        While campaigns are few, more of them tell more than more trials do
+        (docs/validation/diagnosis.md).
+
+        Args:
+            responding: trials of the campaign that lift off; all of them are judged.
+        """
+        self._judged = responding
+        if self._budget.trials is not None or self._budget.campaigns is not None:
+            return min(self._budget.trials or responding, responding)
+        if self._budget.simulations is not None:
+            left = float(self._budget.simulations - self._cache.asked - self._judging())
+        else:
+            left_s = (self._total_s - self.spent_s) / self._rate - self.judging_s
+            left_s -= self._retraining_s(self._wanted)
+            left = left_s / max(self._cache.cost, 1e-9)
+        return int(min(max(left // self._wanted, SCHEDULE.least_trials), responding))
 
     @property
     def spent_s(self) -> float:
@@ -170,17 +203,19 @@ class Schedule:
         least = SCHEDULE.least_clock_s
         return max(self._watch.cpu_s, least) / max(self._watch.wall_s, least)
 
-    def judging_s(self, trials: int) -> float:
+    @property
+    def judging_s(self) -> float:
         """What judging will take [s]."""
-        return self._judging(trials) * self._cache.cost
+        return self._judging() * self._cache.cost
 
     def _retraining_s(self, campaigns: int) -> float:
         """What training of the posterior and for each group of motions will take [s]."""
         times = 1 + (HELD_OUT.groups if self._budget.waterfall else 0)
         return times * self._training * campaigns
 
-    def _judging(self, trials: int) -> int:
+    def _judging(self) -> int:
         """Simulations that judging asks for."""
+        trials = self._judged
         again = judging(trials) if self._budget.held_out else 0
         again += waterfall_simulations(trials) if self._budget.waterfall else 0
         return again + NOISE_FLOOR.runs * min(trials, NOISE_FLOOR.most_trials)
@@ -202,11 +237,11 @@ class Schedule:
         if done < SCHEDULE.fewest:
             return min(most, SCHEDULE.fewest - done)
         if self._budget.simulations is not None:
-            left = self._budget.simulations - self._cache.asked - self._judging(trials)
+            left = self._budget.simulations - self._cache.asked - self._judging()
             return max(0, min(most, left // max(trials, 1)))
         per_campaign = trials * self._cache.cost + self._retraining_s(1)
         left_s = (self._total_s - self.spent_s) / self._rate
-        left_s -= self.judging_s(trials) + self._retraining_s(done)
+        left_s -= self.judging_s + self._retraining_s(done)
         return max(0, min(most, int(left_s / max(per_campaign, 1e-6))))
 
     def progress(self, done: int, trials: int) -> tuple[float, float]:
@@ -224,7 +259,7 @@ class Schedule:
             left_s = max(self._total_s - self.spent_s, 0.0) / self._rate
             return min(self.spent_s / self._total_s, 1.0), left_s
         left_s = left * trials * self._cache.cost + self._retraining_s(done + left)
-        return done / max(done + left, 1), left_s + self.judging_s(trials)
+        return done / max(done + left, 1), left_s + self.judging_s
 
     def first_answer(self, done: int) -> bool:
         """Whether it is time for a first answer."""

@@ -113,8 +113,9 @@ def diagnose_with(
         schedule = Schedule(budget, store, len(seen), simulator.library, watch)
         work = _Work(store, seen, schedule, kept, question, report)
         seen_look = work.look()
-        trials = _responding(seen_look, campaign.name, len(seen))
-        posterior = work.posterior(seen_look)
+        responding = _responding(seen_look, campaign.name, len(seen))
+        trials = seen_look.spread(schedule.campaign_trials(responding.size))
+        posterior = work.posterior(seen_look, trials)
         # By the campaign's own library, as effects that it lacks raise the probability of none.
         alike = [
             posterior.infer(one.overturned[trials], one.features[trials], excluded)
@@ -126,14 +127,14 @@ def diagnose_with(
         work.notify(Stage.JUDGEMENT, 0.0, found, posterior)
         verdict = verdict_of(found, posterior)
         how_far = judge(
-            store, seen, trials, posterior, found.residuals,
-            _judged(verdict, posterior) if budget.held_out else (), seed=seed,
+            store, seen, responding, posterior, found.residuals,
+            _judged(verdict, posterior) if budget.held_out else (), modelled=trials, seed=seed,
             progress=lambda n, m: work.notify(Stage.JUDGEMENT, n / m, found, posterior),
         )  # fmt: skip
         falls = work.waterfall(posterior, found, trials, how_far) if question.waterfall else None
-        layers = noise_floor(store, seen, trials, posterior.standard.probability)
+        layers = noise_floor(store, seen, responding, how_far.before)
         where = where_it_lies(seen, trials, found.residuals, posterior.gap_free, seed)
-        spent = work.budget_of(posterior)
+        spent = work.budget_of(posterior, trials.size)
         work.notify(Stage.JUDGEMENT, 1.0, found, posterior)
     noted = {
         **({} if provenance is None else provenance),
@@ -142,7 +143,7 @@ def diagnose_with(
         "wall_time_s": watch.wall_s,
     }
     evidence = Evidence(
-        verdict, found, posterior, how_far, where, trials,
+        verdict, found, posterior, how_far, where, responding, trials,
         insensitive(simulator.library, seen_look.limits), layers, falls,
     )  # fmt: skip
     return compose(seen, evidence, noted)
@@ -260,6 +261,7 @@ class _Work:
     ) -> Waterfall:
         """What each of the likeliest causes adds, judged with the campaigns of the posterior."""
         campaigns = self.campaigns
+        floor = how_far.losses[Loss.FLOOR][np.isin(how_far.trials, trials)]
         if campaigns is None:
             asked, count = self.question, posterior.campaigns - self.schedule.plain
             looked = self.look()
@@ -272,13 +274,17 @@ class _Work:
         return waterfall(
             self.store, self.seen, trials, campaigns,
             FullInference(posterior, found, self.question.excluded),
-            how_far.losses[Loss.FLOOR], seed=self.question.seed,
+            floor, seed=self.question.seed,
             progress=lambda n, m: self.notify(Stage.WATERFALL, n / m, found, posterior),
         )  # fmt: skip
 
-    def posterior(self, found: Look) -> Posterior:
-        """Simulated campaigns until the budget is spent, and what is learnt from them."""
-        trials = found.responding
+    def posterior(self, found: Look, trials: NDArray[np.int64]) -> Posterior:
+        """Simulated campaigns until the budget is spent, and what is learnt from them.
+
+        Args:
+            found: detection limits.
+            trials: indices of those simulated.
+        """
         known = self._known(self.schedule.campaigns, trials.size)
         if known is not None:
             return known
@@ -343,8 +349,8 @@ class _Work:
             save_posterior(made, self._path(self.cache, done))
         return made
 
-    def budget_of(self, posterior: Posterior) -> dict[str, Any]:
-        """What the diagnosis cost."""
+    def budget_of(self, posterior: Posterior, trials: int) -> dict[str, Any]:
+        """What the diagnosis cost; `trials`: of each simulated campaign."""
         exceeded = self.schedule.exceeded()
         return {
             "state": str(BudgetState.EXCEEDED if exceeded else BudgetState.SUFFICIENT),
@@ -354,6 +360,7 @@ class _Work:
             "simulated": self.store.simulated,
             "reused": self.store.reused,
             "campaigns": posterior.campaigns,
+            "trials": trials,
         }
 
 

@@ -12,7 +12,7 @@ trials of like intensity.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
@@ -96,6 +96,7 @@ class HowFar:
     Attributes:
         losses: each (trials,); after and controls NaN where nothing is named.
         before, after: probabilities of overturning, shape (trials,).
+        trials: indices of those in the campaign, shape (trials,).
         motion: of each trial, shape (trials,).
         names: of the effects that `after` has.
     """
@@ -103,6 +104,7 @@ class HowFar:
     losses: dict[Loss, Array]
     before: Array
     after: Array
+    trials: NDArray[np.int64]
     motion: NDArray[np.int64]
     names: tuple[str, ...]
 
@@ -152,6 +154,7 @@ def judge(
     residuals: Array,
     names: Sequence[str],
     *,
+    modelled: NDArray[np.int64] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> HowFar:
@@ -160,10 +163,11 @@ def judge(
     Args:
         cache: of simulations.
         seen: the observed campaign.
-        trials: indices of those simulated.
+        trials: indices of those that are judged.
         posterior: trained.
         residuals: of the campaign, shape (columns,).
         names: effects that are named, or lead; none: before alone is judged.
+        modelled: those of `trials` that the posterior knows; None: all.
         seed: of draws.
         progress: called with simulations done and all.
     """
@@ -178,12 +182,13 @@ def judge(
     blank = np.full(trials.size, np.nan)
     if not names:
         losses |= dict.fromkeys((Loss.AFTER, *CONTROLS), blank)
-        return HowFar(losses, before.probability, blank, motion, ())
+        return HowFar(losses, before.probability, blank, trials, motion, ())
     group = motion_groups(motion, outcome)
+    known = group if modelled is None else group[np.isin(trials, modelled)]
     drawn: list[list[Effects]] = [[] for _ in trials]
     for k in np.unique(group):
         rng = generator(seed, Stream.HELD_OUT_PARAMETERS, int(k))
-        effects = _drawn_effects(posterior, residuals, group != k, names, rng)
+        effects = _drawn_effects(posterior, residuals, known != k, names, rng)
         for i in np.flatnonzero(group == k):
             drawn[i] = effects
     later = range(HELD_OUT.nuisances, HELD_OUT.nuisances + members)
@@ -201,7 +206,7 @@ def judge(
     scaled = recalibrated(before.probability, outcome, group)
     losses[Loss.RECALIBRATED] = simulated_loss(before, scaled, outcome, features)
     losses[Loss.DEALT] = _dealt(before, after, outcome, features, seen.log_pga_g[trials], seed)
-    return HowFar(losses, before.probability, after.probability, motion, tuple(names))
+    return HowFar(losses, before.probability, after.probability, trials, motion, tuple(names))
 
 
 def ensemble(
@@ -292,21 +297,17 @@ def _mean(values: Array) -> Array:
 
 
 def rows(
-    how_far: HowFar,
-    seen: Observations,
-    trials: NDArray[np.int64],
-    predicted: Array | None = None,
+    how_far: HowFar, seen: Observations, predicted: Mapping[int, float]
 ) -> list[dict[str, Any]]:
     """One row a trial of the campaign; nothing is known of those that never lift off.
 
     Args:
         how_far: before and after.
         seen: the observed campaign.
-        trials: indices of those simulated.
-        predicted: probability of overturning with all effects of the posterior that the trials of
-            other motions give, shape (trials,); None: not judged.
+        predicted: by the trial's index, probability of overturning with all effects of the
+            posterior that the trials of other motions give; others are not judged.
     """
-    place, nan = {int(t): i for i, t in enumerate(trials)}, float("nan")
+    place, nan = {int(t): i for i, t in enumerate(how_far.trials)}, float("nan")
     out = []
     for i, trial in enumerate(seen.campaign.trials):
         k = place.get(i)
@@ -326,7 +327,7 @@ def rows(
                 "uncertain": int(k is not None),
                 "before": at(how_far.before),
                 "after": at(how_far.after),
-                "predicted": nan if predicted is None else at(predicted),
+                "predicted": predicted.get(i, nan),
                 "loss_before": at(how_far.losses[Loss.BEFORE]),
                 "loss_after": at(how_far.losses[Loss.AFTER]),
                 "floor": at(how_far.losses[Loss.FLOOR]),

@@ -45,7 +45,8 @@ class Evidence:
         posterior: trained.
         how_far: before and after, and the controls.
         where: locations, the most significant first.
-        trials: indices of those that were simulated as campaigns.
+        responding: indices of the trials that lift off in simulations.
+        trials: of these, those that the simulated campaigns have.
         insensitive: effects to which the campaign does not respond.
         layers: of the noise floor.
         waterfall: what each of the likeliest causes adds; None: not judged.
@@ -56,6 +57,7 @@ class Evidence:
     posterior: Posterior
     how_far: HowFar
     where: Sequence[Location]
+    responding: NDArray[np.int64]
     trials: NDArray[np.int64]
     insensitive: Sequence[str]
     layers: Mapping[str, Any]
@@ -70,11 +72,12 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
     effects = _effects(evidence, set(provenance.get("excluded", ())), seed)
     limits = limits_of_the_verdict(verdict, how_far, found, posterior, effects, provenance)
     limits += limits_of_the_data(
-        seen, evidence.trials, posterior, evidence.insensitive, evidence.layers, provenance
+        seen, evidence.responding, posterior, evidence.insensitive, evidence.layers, provenance
     )
     labels = (NONE, *sets.names, UNKNOWN)
     falls = evidence.waterfall
-    table = rows(how_far, seen, evidence.trials, None if falls is None else falls.probability)
+    known = [] if falls is None else zip(evidence.trials, falls.probability, strict=True)
+    table = rows(how_far, seen, {int(trial): float(p) for trial, p in known})
     measure = _measurement(evidence, seen, table)
     content: dict[str, Any] = {
         "schema": SCHEMA,
@@ -84,7 +87,7 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
             "tier": seen.tier,
             "motions": int(seen.motion.max() + 1),
             "sessions": int(seen.session.max() + 1),
-            "responding_trials": int(evidence.trials.size),
+            "responding_trials": int(evidence.responding.size),
         },
         "gap": _gap(evidence),
         "where": [_location(one, seen, evidence.trials) for one in shown(evidence.where)],

@@ -277,6 +277,7 @@ class _Budget(SchemaPart):
     simulated: Count
     reused: Count
     campaigns: Count
+    trials: Count
 
 
 class _Reference(SchemaPart):

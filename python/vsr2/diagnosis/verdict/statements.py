@@ -57,6 +57,7 @@ class LimitCode(Code):
     NO_GAIN = "no_gain", {"effects": NAMES}
     CONTROL_CLOSES_AS_MUCH = "control_closes_as_much"
     FEW_CAMPAIGNS = "few_campaigns", {"count": int}
+    PART_OF_TRIALS = "part_of_trials", {"count": int, "of": int}
     EQUIVALENT_TO_MEMBER = "equivalent_to_member", {"effect": str, "others": NAMES}
     EQUIVALENT_EXCLUDED = "equivalent_excluded", {"effect": str, "others": NAMES}
     BEYOND_TOLERANCE = "beyond_tolerance", {"nuisances": NAMES}

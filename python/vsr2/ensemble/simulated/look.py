@@ -104,6 +104,12 @@ class Look:
     limits: Mapping[tuple[str, Side], Limit]
     responding: NDArray[np.int64]
 
+    def spread(self, count: int) -> NDArray[np.int64]:
+        """So many of the responding trials, evenly spread; all, where there are no more."""
+        last = self.responding.size - 1
+        places = np.linspace(0, last, min(count, last + 1))
+        return np.asarray(self.responding[places.round().astype(int)])
+
 
 def tries(library: Library) -> int:
     """Simulations under effects of each trial on which they are tried."""
