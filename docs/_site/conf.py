@@ -1,11 +1,19 @@
 """The site of the documentation: `./scripts/docs.sh` builds it from the pages of docs/."""
 
+import pkgutil
 import re
+from importlib import import_module
 from typing import Any
 
 from sphinx.application import Sphinx
 
 import vsr2._native
+
+# Autodoc changes annotations of pydantic's base class as it goes; a model that allows further keys
+# cannot be made after that.
+for _room in pkgutil.iter_modules(vsr2.__path__):
+    if _room.ispkg and _room.name != "cli":
+        import_module(f"vsr2.{_room.name}")
 
 project = "VSR2"
 author = "The VSR2 developers"
