@@ -8,7 +8,7 @@
 specimen under its 299 motions, in the scene of lab_diagnosis.yaml, as `vsr2 campaign import-lab
 SOURCE --out out/lab` prepares it. Campaigns are planted with nuisances drawn from another seed, at
 tier M. The first is diagnosed with the whole library within the processor time, from an empty
-cache. The others get as many simulated campaigns, of as many trials, out of that cache. Each
+cache. The others get the same simulated campaigns, out of that cache. Each
 further number of minutes goes on with the cache: 10 and 50 make an hour. Last comes what the
 laboratory observed, at tier B. Writes `table.csv`.
 """
@@ -28,9 +28,7 @@ from planted import shaken_campaign
 from vsr2.campaign import Campaign, MeasurementNoise, load_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget, Diagnosis, diagnose
-from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.ensemble import Execution
-from vsr2.ensemble.simulated.look import LOOK
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import Effects, Request
 from vsr2.report.messages.progress_lines import ProgressLines
@@ -148,21 +146,17 @@ def main() -> None:
         campaigns.append(("as observed", setup.observed))
     rows = []
     for minutes, total in zip(options.cpu_minutes, accumulate(options.cpu_minutes), strict=True):
-        affordable = trials = None
+        budget = Budget(cpu_minutes=minutes)
         for planted, campaign in campaigns:
             begun = time.process_time()
             found = diagnose(
                 campaign,
                 setup.scene,
                 out=out / "cache",
-                budget=Budget(cpu_minutes=minutes, campaigns=affordable, trials=trials),
+                budget=budget,
                 execution=Execution(options.threads, report=ProgressLines()),
             )
-            if affordable is None:
-                # Those of the look, which all diagnoses have, do not count.
-                trained = found.content["posterior"]["campaigns"] - LOOK.plain
-                affordable = max(trained, SCHEDULE.fewest)
-                trials = found.content["provenance"]["budget"]["trials"]
+            budget = Budget.repeating(found.content["provenance"])
             rows.append(row(planted, total, found, time.process_time() - begun))
             print(rows[-1], flush=True)
             write(out / "table.csv", rows)

@@ -184,7 +184,7 @@ def test_campaigns_of_a_part_of_the_trials_are_judged_on_all(protocol, found) ->
     assert content["provenance"]["budget"]["trials"] == 40
     assert content["campaign"]["responding_trials"] == responding
     limits = {one["code"]: one for one in content["limits"]}
-    assert limits["part_of_trials"]["values"] == {"count": 40, "of": responding}
+    assert limits["part_of_trials"]["values"] == {"count": 40, "of": 50}
     assert "part_of_trials" not in [one["code"] for one in found.content["limits"]]
     # Judged are all, by what the others of these 40 say; the waterfall is of the 40.
     judged = [row for row in part.trials if row["uncertain"]]

@@ -137,6 +137,28 @@ def test_campaigns_come_before_trials(monkeypatch, simulations) -> None:
         assert (found + 1) * wanted > left
 
 
+@pytest.mark.parametrize(
+    ("simulations", "among", "plain"),
+    [(10_000, 41, 24), (9_000, 40, 24), (60_000, 250, 24), (90_000, 300, 30), (10**6, 300, 48)],
+)
+def test_a_small_budget_runs_a_part_of_the_trials(monkeypatch, simulations, among, plain) -> None:
+    """A tenth of it goes into draws without effect, 24 at least."""
+    schedule = Clock(Budget(simulations=simulations), monkeypatch, trials=300).schedule
+    assert (schedule.among, schedule.plain) == (among, plain)
+
+
+def test_a_diagnosis_is_repeated_with_the_numbers_that_it_notes(monkeypatch) -> None:
+    noted = {
+        "look": {"among": 55, "trials": 20, "plain": 30},
+        "budget": {"campaigns": 480, "trials": 45},
+    }
+    budget = Budget.repeating(noted, held_out=False)
+    assert (budget.campaigns, budget.held_out) == (450, False)
+    schedule = Clock(budget, monkeypatch).schedule
+    assert schedule.look == (55, 20, 30)
+    assert schedule.campaign_trials(50) == 45
+
+
 def test_a_number_of_campaigns_or_trials_is_kept(monkeypatch) -> None:
     def trials(**options: int) -> int:
         return Clock(Budget(**options), monkeypatch).schedule.campaign_trials(55)

@@ -23,7 +23,7 @@ from vsr2.ensemble.simulated.campaigns import (
 )
 from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY, AlternativeContact
 from vsr2.ensemble.simulated.library import free_parameters, primary_parameters, sides, values_at
-from vsr2.ensemble.simulated.look import LOOK, Limit, look, most_tried
+from vsr2.ensemble.simulated.look import LOOK, Limit, evenly, look, most_tried
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import Request
 from vsr2.simulation import check_trials
@@ -147,6 +147,20 @@ def test_fewer_trials_look_for_all_of_them() -> None:
     assert found.limits["wear", 1].share == pytest.approx(3 / 4 / np.sqrt(40), rel=0.15)
     # Two draws of twelve trials at six sizes, and those without effect.
     assert few.runs == 2 * 12 * len(LOOK.shares) + 40 * LOOK.plain
+
+
+def test_trials_that_are_not_run_are_as_if_there_were_none() -> None:
+    few = LinearSimulator({"wear": loss(4.0)}, trials=40)
+    with SimulationCache(few) as cache:
+        found = look(cache, 40, among=20)
+    # The signal is of twenty trials in place of forty.
+    assert found.limits["wear", 1].share == pytest.approx(3 / 4 / np.sqrt(20), rel=0.15)
+    assert set(found.responding) <= set(evenly(np.arange(40), 20))
+    assert few.runs == (2 * len(LOOK.shares) + LOOK.plain) * 20
+    np.testing.assert_array_equal(found.spread(500), found.responding)
+    part = found.spread(5)
+    assert part.size == 5
+    assert (part[0], part[-1]) == (found.responding[0], found.responding[-1])
 
 
 def test_a_trial_that_flips_by_chance_moves_a_limit_by_one_step_at_most() -> None:

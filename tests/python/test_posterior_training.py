@@ -425,14 +425,21 @@ def test_a_parameter_whose_null_is_endless_may_be_endless_in_the_file(trained, t
 
 def test_a_posterior_s_file_is_that_of_what_it_was_trained_for(trained, tmp_path) -> None:
     seen = trained.seen
-    given = {"folder": tmp_path, "identity": "scene", "seen": seen, "campaigns": 600, "seed": 0}
+    given = {
+        "folder": tmp_path,
+        "identity": "scene",
+        "seen": seen,
+        "simulated": (600, 40, 50, 40, 48),
+        "seed": 0,
+    }
     path = posterior_file(**given)
     assert path.parent == tmp_path
     outcomes = replace(seen, overturned=1 - seen.overturned, features=seen.features + 1)
     assert posterior_file(**(given | {"seen": outcomes})) == path, "outcomes have no part in it"
     others = [
-        {"identity": "another scene"}, {"campaigns": 601}, {"seed": 1},
+        {"identity": "another scene"}, {"simulated": (601, 40, 50, 40, 48)}, {"seed": 1},
+        {"simulated": (600, 41, 50, 40, 48)}, {"simulated": (600, 40, 50, 40, 47)},
         {"seen": replace(seen, tier="B", measured=())}, {"seen": replace(seen, tilt_noise=0.004)},
     ]  # fmt: skip
     found = [posterior_file(**(given | change)) for change in others]
-    assert len({path, *found}) == 6
+    assert len({path, *found}) == 8

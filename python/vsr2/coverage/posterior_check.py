@@ -237,8 +237,11 @@ def check_with(
     """
     seed, looked_at = known["seed"], known["look"]
     count = known["budget"]["campaigns"] - looked_at["plain"]
+    sizes = (
+        count, known["budget"]["trials"], *(looked_at[one] for one in ("among", "trials", "plain"))
+    )  # fmt: skip
     posterior = load_posterior(
-        posterior_file(cache.folder, simulator.identity, seen, count, seed, most),
+        posterior_file(cache.folder, simulator.identity, seen, sizes, seed, most),
         simulator.library,
     )
     if posterior is None:
@@ -248,8 +251,9 @@ def check_with(
         )
     with SimulationCache(simulator, cache.simulations) as store:
         found = look(
-            store, len(seen), most=looked_at["trials"], plain=looked_at["plain"], seed=seed
-        )
+            store, len(seen), among=looked_at["among"], most=looked_at["trials"],
+            plain=looked_at["plain"], seed=seed,
+        )  # fmt: skip
         trials = found.spread(known["budget"]["trials"])
         disturbed = _disturbance(
             store, seen, (found, trials), count, (looked_at["plain"], most, seed)
@@ -316,7 +320,7 @@ def _finished(folder: Path) -> Mapping[str, Any]:
             raise ValueError("texts of the provenance")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ResultError(f"{path}: damaged ({error}); diagnose again") from error
-    if set(known.get("look", ())) != {"trials", "plain"} or "trials" not in budget:
+    if set(known.get("look", ())) != {"among", "trials", "plain"} or "trials" not in budget:
         raise DiagnosisError(
             f"{path}: is of an older VSR2, which did not note all that a check needs; diagnose "
             "again, which reuses the simulations"

@@ -4,8 +4,10 @@ from __future__ import annotations
 
 import math
 import time
+from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Real
+from typing import Any
 
 from vsr2.argument_names import checked_names
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
@@ -68,6 +70,8 @@ class Budget:
             set-up share them; None: from the above. At least 150.
         trials: of each simulated campaign; None: all where `campaigns` is given, else as many as
             leave time for 60 campaigns of each effect, but 40 at least.
+        look: numbers of trials that are run, of trials on which effects are tried, and of draws
+            without effect; None: as the budget affords.
         held_out: simulate again what is named, on motions that were not seen; without it a
             diagnosis does not say how far the gap shrinks.
         waterfall: judge each of the likeliest causes on motions that neither fit nor choice saw,
@@ -83,6 +87,7 @@ class Budget:
     simulations: int | None = None
     campaigns: int | None = None
     trials: int | None = None
+    look: tuple[int, int, int] | None = None
     held_out: bool = True
     waterfall: bool = False
     cpu_minutes: float | None = None
@@ -103,6 +108,24 @@ class Budget:
             raise DiagnosisError(
                 f"campaign_trials is {self.trials}; give at least {SCHEDULE.least_trials}"
             )
+
+    @classmethod
+    def repeating(cls, provenance: Mapping[str, Any], **options: Any) -> Budget:
+        """What a diagnosis did, whatever it costs: for other campaigns of its scene and trials.
+
+        With its simulations and its posterior in one cache, each takes seconds.
+
+        Args:
+            provenance: of the diagnosis.
+            options: `held_out` and `waterfall`.
+        """
+        looked, spent = provenance["look"], provenance["budget"]
+        return cls(
+            campaigns=spent["campaigns"] - looked["plain"],
+            trials=spent["trials"],
+            look=(looked["among"], looked["trials"], looked["plain"]),
+            **options,
+        )
 
 
 class Stopwatch:
@@ -133,6 +156,8 @@ class Schedule:
         watch: made at the start of the diagnosis.
 
     Attributes:
+        among: trials of the campaign that are run; fewer than all where the budget has too little
+            for the look's draws without effect.
         look_trials: on which effects are tried.
         plain: campaigns without effect that the look simulates.
     """
@@ -149,15 +174,26 @@ class Schedule:
         self._cache = cache
         self._watch = watch
         self._training = SCHEDULE.training_s
-        self._judged = trials
         self._wanted = SCHEDULE.wanted * len(library)
         allowed = self.allowed()
-        self.look_trials, self.plain = most_tried(trials), LOOK.plain
+        self.among, self.plain = trials, LOOK.plain
         if budget.campaigns is None:
-            afforded = int(SCHEDULE.plain_share * allowed / max(trials, 1))
-            self.plain = max(LOOK.fewest_plain, min(LOOK.plain, afforded))
+            afforded = int(SCHEDULE.plain_share * allowed)
+            least = max(afforded // LOOK.fewest_plain, SCHEDULE.least_trials)
+            self.among = min(trials, least)
+            self.plain = max(LOOK.fewest_plain, min(LOOK.plain, afforded // self.among))
+        self.look_trials, self._judged = most_tried(self.among), self.among
+        if budget.campaigns is None:
             share = int(SCHEDULE.look_share * allowed / max(tries(library), 1))
-            self.look_trials = max(LOOK.fewest, min(most_tried(trials), share))
+            self.look_trials = max(LOOK.fewest, min(self.look_trials, share))
+        if budget.look is not None:
+            self.among, self.look_trials, self.plain = budget.look
+            self._judged = self.among
+
+    @property
+    def look(self) -> tuple[int, int, int]:
+        """As :attr:`Budget.look`."""
+        return self.among, self.look_trials, self.plain
 
     @property
     def campaigns(self) -> int | None:

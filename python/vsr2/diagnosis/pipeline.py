@@ -139,7 +139,11 @@ def diagnose_with(
     noted = {
         **({} if provenance is None else provenance),
         **_noted(question, none, budget.held_out, spent, simulator, seen_look),
-        "look": {"trials": schedule.look_trials, "plain": schedule.plain},
+        "look": {
+            "among": schedule.among,
+            "trials": schedule.look_trials,
+            "plain": schedule.plain,
+        },
         "wall_time_s": watch.wall_s,
     }
     evidence = Evidence(
@@ -251,8 +255,8 @@ class _Work:
     def look(self) -> Look:
         """Detection limits, and the trials that respond."""
         return look(
-            self.store, len(self.seen), most=self.schedule.look_trials,
-            plain=self.schedule.plain, seed=self.question.seed,
+            self.store, len(self.seen), among=self.schedule.among,
+            most=self.schedule.look_trials, plain=self.schedule.plain, seed=self.question.seed,
             progress=lambda n, m: self.notify(Stage.LOOK, n / m),
         )  # fmt: skip
 
@@ -325,14 +329,15 @@ class _Work:
         """What an earlier diagnosis learnt from so many campaigns of so many trials."""
         if self.cache is None or campaigns is None:
             return None
-        path, library = self._path(self.cache, campaigns), self.store.simulator.library
+        path, library = self._path(self.cache, campaigns, trials), self.store.simulator.library
         return load_posterior(path, library, (trials, self.seen.features.shape[-1]))
 
-    def _path(self, cache: ProtocolCache, campaigns: int) -> Path:
+    def _path(self, cache: ProtocolCache, campaigns: int, trials: int) -> Path:
         asked = self.question
+        simulated = (campaigns, trials, *self.schedule.look)
         identity = self.store.simulator.identity
         return posterior_file(
-            cache.folder, identity, self.seen, campaigns, asked.seed, asked.most_effects
+            cache.folder, identity, self.seen, simulated, asked.seed, asked.most_effects
         )
 
     def _trained(self, campaigns: Campaigns, trials: NDArray[np.int64], done: int) -> Posterior:
@@ -346,7 +351,7 @@ class _Work:
         )  # fmt: skip
         self.schedule.trained(len(campaigns), time.monotonic() - started)
         if self.cache is not None:
-            save_posterior(made, self._path(self.cache, done))
+            save_posterior(made, self._path(self.cache, done, trials.size))
         return made
 
     def budget_of(self, posterior: Posterior, trials: int) -> dict[str, Any]:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, astuple, fields
 from math import isfinite, isinf
 from pathlib import Path
@@ -40,7 +40,7 @@ def posterior_file(
     folder: Path,
     identity: str,
     seen: Observations,
-    campaigns: int,
+    simulated: Sequence[int],
     seed: int,
     most: int = HYPOTHESIS.usual_effects,
 ) -> Path:
@@ -50,7 +50,7 @@ def posterior_file(
         folder: of it.
         identity: of the simulator.
         seen: the observed campaign, whose outcomes have no part in it.
-        campaigns: simulated.
+        simulated: number of campaigns, of trials of each, and what the look was at.
         seed: of the training.
         most: effects that may act together.
     """
@@ -61,7 +61,7 @@ def posterior_file(
     )  # fmt: skip
     parts = (
         identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
-        seen.tilt_noise, seen.rest_noise, campaigns, seed, most,
+        seen.tilt_noise, seen.rest_noise, list(simulated), seed, most,
         [astuple(one) for one in constants],
     )  # fmt: skip
     digest.update(repr(parts).encode())

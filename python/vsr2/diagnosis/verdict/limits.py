@@ -108,7 +108,8 @@ def limits_of_the_data(
         *_detection(posterior.levels.detection_rate),
         *few_sessions(seen.session[trials], seen.motion[trials]),
         *_sensitivity(trials, insensitive),
-        *_budget(provenance["budget"], posterior, trials.size),
+        *_budget(provenance["budget"], posterior),
+        *_part(seen, trials, provenance),
         *_references(provenance["references"], posterior.levels.none_limit),
         *([] if provenance["held_out"] else [Statement.of(LimitCode.NOT_HELD_OUT)]),
         *repeats_scatter(layers),
@@ -266,9 +267,7 @@ def _sensitivity(trials: NDArray[np.int64], insensitive: Sequence[str]) -> Itera
         yield Statement.of(LimitCode.INSENSITIVE, effects=tuple(insensitive))
 
 
-def _budget(
-    budget: Mapping[str, Any], posterior: Posterior, responding: int
-) -> Iterator[Statement]:
+def _budget(budget: Mapping[str, Any], posterior: Posterior) -> Iterator[Statement]:
     if budget["state"] == BudgetState.EXCEEDED:
         yield Statement.of(
             LimitCode.BUDGET_EXCEEDED,
@@ -277,8 +276,15 @@ def _budget(
         )
     if posterior.campaigns < LIMITS.few_campaigns * len(posterior.sets.names):
         yield Statement.of(LimitCode.FEW_CAMPAIGNS, count=posterior.campaigns)
-    if budget["trials"] < responding:
-        yield Statement.of(LimitCode.PART_OF_TRIALS, count=budget["trials"], of=responding)
+
+
+def _part(
+    seen: Observations, responding: NDArray[np.int64], provenance: Mapping[str, Any]
+) -> Iterator[Statement]:
+    """That the budget afforded campaigns of some trials alone."""
+    count = provenance["budget"]["trials"]
+    if count < responding.size or provenance["look"]["among"] < len(seen):
+        yield Statement.of(LimitCode.PART_OF_TRIALS, count=count, of=len(seen))
 
 
 def _references(references: Sequence[Mapping[str, Any]], limit: float) -> Iterator[Statement]:

@@ -106,9 +106,13 @@ class Look:
 
     def spread(self, count: int) -> NDArray[np.int64]:
         """So many of the responding trials, evenly spread; all, where there are no more."""
-        last = self.responding.size - 1
-        places = np.linspace(0, last, min(count, last + 1))
-        return np.asarray(self.responding[places.round().astype(int)])
+        return evenly(self.responding, count)
+
+
+def evenly(trials: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """So many of some trials, evenly spread; all, where there are no more."""
+    places = np.linspace(0, trials.size - 1, min(count, trials.size))
+    return np.asarray(trials[places.round().astype(int)])
 
 
 def tries(library: Library) -> int:
@@ -125,6 +129,7 @@ def look(
     cache: SimulationCache,
     trials: int,
     *,
+    among: int | None = None,
     most: int | None = None,
     plain: int = LOOK.plain,
     seed: int = 0,
@@ -140,17 +145,20 @@ def look(
     Args:
         cache: of simulations.
         trials: of the campaign.
+        among: so many of them alone, evenly spread; None: all. The others are as if they had not
+            been run.
         most: trials on which effects are tried; None: :func:`most_tried`.
         plain: draws of nuisances without effect.
         seed: of the secondary parameters.
         progress: called with simulations done and all.
     """
     library, simulator = cache.simulator.library, cache.simulator
-    requests = [Request(i, (), m, 1) for m in range(1, plain + 1) for i in range(trials)]
-    bare = _severity(cache.run(requests)).reshape(plain, trials)
+    run = evenly(np.arange(trials), trials if among is None else among)
+    requests = [Request(int(i), (), m, 1) for m in range(1, plain + 1) for i in run]
+    bare = _severity(cache.run(requests)).reshape(plain, run.size)
     responding = np.flatnonzero(np.nanmax(bare, axis=0) > np.log(LOOK.moved))
-    chosen = responding if responding.size else np.arange(trials)
-    tried = min(most_tried(trials) if most is None else most, chosen.size)
+    chosen = responding if responding.size else np.arange(run.size)
+    tried = min(most_tried(run.size) if most is None else most, chosen.size)
     chosen = chosen[np.linspace(0, chosen.size - 1, tried).astype(int)]
     ladders = [(name, side) for name, effect in library.items() for side in sides(effect)]
     rng = generator(seed, Stream.LOOK)
@@ -162,7 +170,7 @@ def look(
             for i, trial in enumerate(chosen):
                 secondary = rng.random(len(free_parameters(effect)) - count).tolist()
                 acting = ((name, values_at(effect, side, [share] * count, secondary)),)
-                requests += [Request(int(trial), acting, m, 1) for m in _draws(i)]
+                requests += [Request(int(run[trial]), acting, m, 1) for m in _draws(i)]
     found = _severity(cache.run(requests, progress=progress))
     scatter = np.nanstd(bare[:, chosen], axis=0)
     least = max(LOOK.least_scatter * float(np.median(scatter)), LOOK.least_log_tilt)
@@ -179,7 +187,7 @@ def look(
     scale = max(responding.size, 1) / chosen.size
     signal, error = scale * parts.sum(axis=2), scale * parts.std(axis=2) * np.sqrt(chosen.size)
     limits = [_limit(*row) for row in zip(signal, error, strict=True)]
-    return Look(dict(zip(ladders, limits, strict=True)), responding)
+    return Look(dict(zip(ladders, limits, strict=True)), run[responding])
 
 
 def _draws(i: int) -> tuple[int, int]:
