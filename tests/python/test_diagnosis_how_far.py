@@ -21,7 +21,15 @@ from vsr2.diagnosis.how_far.ensemble_losses import (
     resampled_means,
     share_of_gap,
 )
-from vsr2.diagnosis.how_far.held_out import HELD_OUT, HowFar, Loss, judge, rows, simulations
+from vsr2.diagnosis.how_far.held_out import (
+    HELD_OUT,
+    HowFar,
+    Inferred,
+    Loss,
+    judge,
+    rows,
+    simulations,
+)
 from vsr2.diagnosis.how_far.negative_controls import recalibrated
 from vsr2.diagnosis.how_far.waterfall import FullInference, Waterfall, waterfall
 from vsr2.ensemble.noise_floor import NOISE_FLOOR, noise_floor
@@ -152,10 +160,9 @@ class Judged:
 
     def judge(self, seen, *names, store=None):
         found = self.rehearsal.infer(seen)
-        return judge(
-            store or self.rehearsal.cache, seen, self.rehearsal.trials, self.posterior,
-            found.residuals, names,
-        )  # fmt: skip
+        trials = self.rehearsal.trials
+        inferred = Inferred(self.posterior, found.residuals, trials)
+        return judge(store or self.rehearsal.cache, seen, trials, inferred, names)
 
 
 @pytest.fixture(scope="module")

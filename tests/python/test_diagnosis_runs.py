@@ -243,6 +243,24 @@ def test_a_finished_diagnosis_is_checked_by_the_same_command(folder, stated, cap
     assert (out / "diagnosis.json").read_bytes() == diagnosis
 
 
+def test_another_campaign_is_diagnosed_like_the_first_without_simulating(
+    folder, stated, tmp_path, capsys
+) -> None:
+    """With its cache; here it is the same campaign, so the verdict is the same."""
+    line = command(folder, tmp_path / "like", "--cache", str(folder / "one"), "--quiet")
+    at = line.index("--simulations")
+    line[at : at + 2] = ["--like", str(folder / "one")]
+    assert main(line) == 0
+    assert content(tmp_path / "like") == stated
+    budget = json.loads((tmp_path / "like" / "diagnosis.json").read_text())["provenance"]["budget"]
+    assert budget["simulated"] == 0
+    assert main([*line, "--overwrite", "--campaign-trials", "50"]) == 2
+    assert "--campaign-trials: --like states it" in capsys.readouterr().err
+    line[line.index("--like") + 1] = str(tmp_path)
+    assert main([*line, "--overwrite"]) == 2
+    assert "holds no finished diagnosis (diagnosis.json); diagnose first" in capsys.readouterr().err
+
+
 def test_a_check_with_other_options_is_refused(folder, stated, capsys) -> None:
     line = [*command(folder, folder / "one"), "--check", "6"]
     assert main([*line, "--nuisance", "friction=0.3"]) == 2

@@ -15,7 +15,7 @@ from vsr2.errors import ConfigError
 
 if TYPE_CHECKING:
     from vsr2.config import Study
-    from vsr2.diagnosis import Diagnosis
+    from vsr2.diagnosis import Budget, Diagnosis
     from vsr2.ensemble import Hypotheses
 
 BUDGET = Group("Budget (one of)", validator=one_of)
@@ -54,6 +54,8 @@ class Effort:
         simulations: so many at most instead of a time; more where the trials need more
         campaigns: so many simulated campaigns, 150 at least, whatever they cost: equal numbers give
             equal verdicts, and campaigns of one set-up share them
+        like: do what the finished diagnosis in this folder did: with its --cache, another campaign
+            of the same scene and trials takes seconds
         campaign_trials: so many trials of each simulated campaign, 40 at least (default: all with
             --campaigns, else as many as leave time for 60 campaigns of each effect)
         no_how_far: do not simulate again what is named, to say how far the gap shrinks; not with
@@ -74,6 +76,7 @@ class Effort:
     budget_cpu_minutes: Annotated[float | None, Parameter(group=BUDGET)] = None
     simulations: Annotated[opt.Integer | None, Parameter(group=BUDGET)] = None
     campaigns: Annotated[opt.Integer | None, Parameter(group=BUDGET)] = None
+    like: Annotated[Path | None, Parameter(group=BUDGET)] = None
     campaign_trials: opt.Integer | None = None
     no_how_far: bool = False
     waterfall: bool = False
@@ -114,8 +117,8 @@ def diagnose(
         out: folder for the results
     """
     from vsr2.campaign import load_campaign
-    from vsr2.diagnosis import Budget, iterate
     from vsr2.diagnosis import diagnose as find
+    from vsr2.diagnosis import iterate
     from vsr2.diagnosis.corrected import check_draws
     from vsr2.diagnosis.iteration import WORK_FILES, Asked
     from vsr2.diagnosis.verdict.document import PAGE_FILE
@@ -132,15 +135,7 @@ def diagnose(
     with opt.cluster(effort.scheduler, effort.threads) as client:
         asked = Asked(
             tier=question.tier,
-            budget=Budget(
-                effort.budget_minutes,
-                effort.simulations,
-                effort.campaigns,
-                effort.campaign_trials,
-                held_out=not effort.no_how_far,
-                waterfall=effort.waterfall,
-                cpu_minutes=effort.budget_cpu_minutes,
-            ),
+            budget=_budget(effort),
             hypotheses=_hypotheses(question),
             execution=opt.execution(effort, client, "diagnose"),
             seed=question.seed,
@@ -176,8 +171,29 @@ def _refuse_without_use(effort: Effort) -> None:
         )
     if effort.waterfall and effort.no_how_far:
         raise ConfigError("--waterfall: does not go with --no-how-far; leave one of them out")
+    if effort.like is not None and effort.campaign_trials is not None:
+        raise ConfigError("--campaign-trials: --like states it; leave one of them out")
     if effort.most_rounds is not None and not effort.iterate:
         raise ConfigError("--most-rounds: only for rounds; add --iterate, or leave it out")
+
+
+def _budget(effort: Effort) -> Budget:
+    from vsr2.diagnosis import Budget
+    from vsr2.diagnosis.verdict.document import finished_provenance
+
+    held_out, waterfall = not effort.no_how_far, effort.waterfall
+    if effort.like is not None:
+        known = finished_provenance(effort.like)
+        return Budget.repeating(known, held_out=held_out, waterfall=waterfall)
+    return Budget(
+        effort.budget_minutes,
+        effort.simulations,
+        effort.campaigns,
+        effort.campaign_trials,
+        held_out=held_out,
+        waterfall=waterfall,
+        cpu_minutes=effort.budget_cpu_minutes,
+    )
 
 
 def _hypotheses(question: QuestionOptions) -> Hypotheses:

@@ -22,7 +22,13 @@ from vsr2.coverage.judged import Judged, judge_planted
 from vsr2.coverage.planted_campaigns import Planted, draw_planted
 from vsr2.diagnosis.api import scene_simulator
 from vsr2.diagnosis.diagnosis_constants import diagnosis_constants
-from vsr2.diagnosis.verdict.document import CHECK_FILE, CHECK_TABLES, FILE, finite
+from vsr2.diagnosis.verdict.document import (
+    CHECK_FILE,
+    CHECK_TABLES,
+    FILE,
+    finished_provenance,
+    finite,
+)
 from vsr2.ensemble.execution import EXECUTION, Execution, Progress, Report, Stage
 from vsr2.ensemble.observed.observations import Observations, observe_campaign
 from vsr2.ensemble.observed.random_streams import Stream, generator
@@ -39,7 +45,7 @@ from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.ensemble.simulated.look import Look, look
 from vsr2.ensemble.simulated.scene_simulator import HYPOTHESES
 from vsr2.ensemble.simulated.simulator import Simulator
-from vsr2.errors import DiagnosisError, ResultError
+from vsr2.errors import DiagnosisError
 from vsr2.one_line import OneLine
 from vsr2.posterior.calibration import CALIBRATED
 from vsr2.posterior.discrepancy import Disturbance
@@ -191,7 +197,7 @@ def check_posterior(
     """
     if planted < 1:
         raise DiagnosisError(f"check is {planted}; plant at least 1 campaign, better 200")
-    known = _finished(Path(out))
+    known = finished_provenance(Path(out))
     given = (campaign if isinstance(campaign, Campaign) else load_campaign(campaign)).on_file()
     study = scene if isinstance(scene, Study) else load_study(scene)
     seen = observe_campaign(given, tier)
@@ -292,40 +298,6 @@ def check_with(
 def check_constants() -> dict[str, dict[str, Any]]:
     """Tuned numbers that a check rests on, by what they are of."""
     return {"ranks": asdict(RANKS), **diagnosis_constants()}
-
-
-def _finished(folder: Path) -> Mapping[str, Any]:
-    """Provenance of the diagnosis in a folder.
-
-    Raises:
-        DiagnosisError: it holds none that is finished.
-        ResultError: its file is damaged.
-    """
-    path = folder / FILE
-    if not path.is_file():
-        raise DiagnosisError(
-            f"{folder}: holds no finished diagnosis ({FILE}); diagnose first, then check"
-        )
-    try:
-        known = json.loads(path.read_text(encoding="utf-8"))["provenance"]
-        budget = known["budget"]
-        numbers = (
-            known["seed"], budget["campaigns"], budget.get("trials", 0),
-            *known.get("look", {}).values(),
-        )  # fmt: skip
-        if not all(type(one) is int for one in numbers):
-            raise ValueError("numbers of the provenance")
-        text = (known["simulator"], *known["excluded"])
-        if not all(isinstance(one, str) for one in text):
-            raise ValueError("texts of the provenance")
-    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
-        raise ResultError(f"{path}: damaged ({error}); diagnose again") from error
-    if set(known.get("look", ())) != {"among", "trials", "plain"} or "trials" not in budget:
-        raise DiagnosisError(
-            f"{path}: is of an older VSR2, which did not note all that a check needs; diagnose "
-            "again, which reuses the simulations"
-        )
-    return dict(known)
 
 
 def _disturbance(

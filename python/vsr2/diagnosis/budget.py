@@ -108,6 +108,8 @@ class Budget:
             raise DiagnosisError(
                 f"campaign_trials is {self.trials}; give at least {SCHEDULE.least_trials}"
             )
+        if self.look is not None and not (len(self.look) == 3 and min(self.look) >= 1):
+            raise DiagnosisError(f"look is {self.look}; give three numbers of 1 or more")
 
     @classmethod
     def repeating(cls, provenance: Mapping[str, Any], **options: Any) -> Budget:
@@ -116,13 +118,13 @@ class Budget:
         With its simulations and its posterior in one cache, each takes seconds.
 
         Args:
-            provenance: of the diagnosis.
+            provenance: of the diagnosis, as `finished_provenance` reads it.
             options: `held_out` and `waterfall`.
         """
         looked, spent = provenance["look"], provenance["budget"]
         return cls(
             campaigns=spent["campaigns"] - looked["plain"],
-            trials=spent["trials"],
+            trials=max(spent["trials"], SCHEDULE.least_trials),
             look=(looked["among"], looked["trials"], looked["plain"]),
             **options,
         )

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from vsr2.campaign import Campaign, Tier
 from vsr2.diagnosis.budget import SCHEDULE, Budget, Schedule, Stopwatch
 from vsr2.diagnosis.diagnosis_constants import diagnosis_constants
-from vsr2.diagnosis.how_far.held_out import HowFar, Loss, judge
+from vsr2.diagnosis.how_far.held_out import HowFar, Inferred, Loss, judge
 from vsr2.diagnosis.how_far.waterfall import FullInference, Waterfall, waterfall
 from vsr2.diagnosis.verdict.compose import Evidence, compose
 from vsr2.diagnosis.verdict.document import Diagnosis
@@ -127,8 +127,8 @@ def diagnose_with(
         work.notify(Stage.JUDGEMENT, 0.0, found, posterior)
         verdict = verdict_of(found, posterior)
         how_far = judge(
-            store, seen, responding, posterior, found.residuals,
-            _judged(verdict, posterior) if budget.held_out else (), modelled=trials, seed=seed,
+            store, seen, responding, Inferred(posterior, found.residuals, trials),
+            _judged(verdict, posterior) if budget.held_out else (), seed=seed,
             progress=lambda n, m: work.notify(Stage.JUDGEMENT, n / m, found, posterior),
         )  # fmt: skip
         falls = work.waterfall(posterior, found, trials, how_far) if question.waterfall else None

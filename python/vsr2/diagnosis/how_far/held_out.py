@@ -16,7 +16,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from enum import StrEnum
 from functools import cached_property
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -146,15 +146,27 @@ def simulations(trials: int) -> int:
     return HELD_OUT.members * trials
 
 
+class Inferred(NamedTuple):
+    """What is known of a campaign.
+
+    Attributes:
+        posterior: trained.
+        residuals: of the campaign, shape (columns,).
+        trials: indices of those that the posterior knows.
+    """
+
+    posterior: Posterior
+    residuals: Array
+    trials: NDArray[np.int64]
+
+
 def judge(
     cache: SimulationCache,
     seen: Observations,
     trials: NDArray[np.int64],
-    posterior: Posterior,
-    residuals: Array,
+    inferred: Inferred,
     names: Sequence[str],
     *,
-    modelled: NDArray[np.int64] | None = None,
     seed: int = 0,
     progress: Progress | None = None,
 ) -> HowFar:
@@ -164,10 +176,8 @@ def judge(
         cache: of simulations.
         seen: the observed campaign.
         trials: indices of those that are judged.
-        posterior: trained.
-        residuals: of the campaign, shape (columns,).
+        inferred: from some of them.
         names: effects that are named, or lead; none: before alone is judged.
-        modelled: those of `trials` that the posterior knows; None: all.
         seed: of draws.
         progress: called with simulations done and all.
     """
@@ -184,11 +194,11 @@ def judge(
         losses |= dict.fromkeys((Loss.AFTER, *CONTROLS), blank)
         return HowFar(losses, before.probability, blank, trials, motion, ())
     group = motion_groups(motion, outcome)
-    known = group if modelled is None else group[np.isin(trials, modelled)]
+    known = group[np.isin(trials, inferred.trials)]
     drawn: list[list[Effects]] = [[] for _ in trials]
     for k in np.unique(group):
         rng = generator(seed, Stream.HELD_OUT_PARAMETERS, int(k))
-        effects = _drawn_effects(posterior, residuals, known != k, names, rng)
+        effects = _drawn_effects(inferred, known != k, names, rng)
         for i in np.flatnonzero(group == k):
             drawn[i] = effects
     later = range(HELD_OUT.nuisances, HELD_OUT.nuisances + members)
@@ -242,18 +252,13 @@ def motion_groups(motion: NDArray[np.int64], outcome: Array) -> NDArray[np.int64
 
 
 def _drawn_effects(
-    posterior: Posterior,
-    residuals: Array,
-    known: Bools,
-    names: Sequence[str],
-    rng: np.random.Generator,
+    inferred: Inferred, known: Bools, names: Sequence[str], rng: np.random.Generator
 ) -> list[Effects]:
     """Effects with parameters drawn from what some trials say of them."""
-    library = posterior.parameters.library
+    residuals, parameters = inferred.residuals, inferred.posterior.parameters
+    library = parameters.library
     columns = np.tile(known, residuals.size // known.size)
-    sampled = {
-        name: posterior.parameters.sample(name, residuals, rng, columns=columns) for name in names
-    }
+    sampled = {name: parameters.sample(name, residuals, rng, columns=columns) for name in names}
     out: list[Effects] = []
     for m in range(HELD_OUT.members):
         acting = []

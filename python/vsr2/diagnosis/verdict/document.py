@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, get_args
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.errors import DiagnosisError, ResultError
 from vsr2.one_line import OneLine
 from vsr2.results.atomic import csv_text, write_text
 
@@ -130,6 +131,35 @@ class Diagnosis(OneLine):
         for name, text in contents.items():
             write_text(path / name, text, errors="strict")
         return path / FILE
+
+
+def finished_provenance(folder: Path) -> Mapping[str, Any]:
+    """Provenance of the diagnosis in a folder: what it was of, and how much it simulated.
+
+    Raises:
+        DiagnosisError: the folder holds none that is finished, or one of an older VSR2.
+        ResultError: its file is damaged.
+    """
+    path = folder / FILE
+    if not path.is_file():
+        raise DiagnosisError(f"{folder}: holds no finished diagnosis ({FILE}); diagnose first")
+    try:
+        known = json.loads(path.read_text(encoding="utf-8"))["provenance"]
+        budget, looked = known["budget"], known.get("look", {})
+        numbers = (known["seed"], budget["campaigns"], budget.get("trials", 0), *looked.values())
+        if not all(type(one) is int for one in numbers):
+            raise ValueError("numbers of the provenance")
+        text = (known["simulator"], *known["excluded"])
+        if not all(isinstance(one, str) for one in text):
+            raise ValueError("texts of the provenance")
+    except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
+        raise ResultError(f"{path}: damaged ({error}); diagnose again") from error
+    if set(looked) != {"among", "trials", "plain"} or "trials" not in budget:
+        raise DiagnosisError(
+            f"{path}: is of an older VSR2, which did not note all that it looked at; diagnose "
+            "again, which reuses the simulations"
+        )
+    return dict(known)
 
 
 def finite(value: Any) -> Any:

@@ -111,8 +111,8 @@ class Look:
 
 def evenly(trials: NDArray[np.int64], count: int) -> NDArray[np.int64]:
     """So many of some trials, evenly spread; all, where there are no more."""
-    places = np.linspace(0, trials.size - 1, min(count, trials.size))
-    return np.asarray(trials[places.round().astype(int)])
+    chosen = np.linspace(0, trials.size - 1, min(count, trials.size))
+    return np.asarray(trials[chosen.round().astype(int)])
 
 
 def tries(library: Library) -> int:
