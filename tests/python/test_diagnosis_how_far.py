@@ -212,10 +212,11 @@ def test_a_group_s_own_trials_have_no_part_in_the_parameters_it_is_judged_with(
     calls, requests = [], []
     draw = module._drawn_effects
 
-    def noting(posterior, residuals, known, names, rng):
+    def noting(inferred, known, names, rng):
         def drawn(given):
-            return draw(posterior, given, known, names, copy.deepcopy(rng))
+            return draw(inferred._replace(residuals=given), known, names, copy.deepcopy(rng))
 
+        residuals = inferred.residuals
         effects = drawn(residuals)
         blank = np.where(np.tile(known, residuals.size // known.size), residuals, 9.9)
         assert drawn(blank) == effects
