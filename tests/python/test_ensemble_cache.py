@@ -138,7 +138,7 @@ def test_a_cache_of_an_older_form_or_with_damaged_records_is_refused(tmp_path) -
 WRITER = """
 import sys, time
 sys.path[:0] = {path!r}
-from test_diagnosis_cache import Counting, REQUESTS
+from test_ensemble_cache import Counting, REQUESTS
 from vsr2.ensemble.simulated.cache import SimulationCache
 class Slow(Counting):
     def run(self, requests):
