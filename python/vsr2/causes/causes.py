@@ -43,7 +43,7 @@ from vsr2.diagnosis.corrected import (
 )
 from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
 from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
-from vsr2.ensemble.execution import EXECUTION, Execution, Progress, Stage, made_folder, simulator_of
+from vsr2.ensemble.execution import EXECUTION, Execution, Stage, made_folder, simulator_of
 from vsr2.ensemble.protocol_cache import SIMULATIONS
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
@@ -232,10 +232,10 @@ def find_causes(
 def _inferred(model: OutcomeModel, execution: Execution, seed: int) -> ActingPosterior:
     """What acts, by the outcomes of all trials."""
     rng = np.random.default_rng([seed, MarginStream.ACTING])
-    _report(execution, Stage.INFERENCE, 0.0)
+    execution.notify(Stage.INFERENCE, 0.0)
     rows = np.arange(model.overturned.size)
     found = sample_posterior(model, rows, rng, particles=SAMPLER.final)
-    _report(execution, Stage.INFERENCE, 1.0)
+    execution.notify(Stage.INFERENCE, 1.0)
     return found
 
 
@@ -246,7 +246,7 @@ def _judged_held_out(
     return judge_causes(
         model, likeliest[: HELD_OUT_CAUSES.judged], likely=FOUND_CAUSES.likely, seed=seed,
         threads=usable_threads(execution.threads),
-        progress=lambda share: _report(execution, Stage.JUDGEMENT, share),
+        progress=lambda share: execution.notify(Stage.JUDGEMENT, share),
     )  # fmt: skip
 
 
@@ -275,11 +275,6 @@ def _rested_on(study: Study, hypotheses: Hypotheses, simulator: SceneSimulator) 
     }
 
 
-def _report(execution: Execution, stage: Stage, share: float) -> None:
-    if execution.report is not None:
-        execution.report(Progress(stage, share))
-
-
 def _modelled(
     used: Campaign,
     simulator: SceneSimulator,
@@ -298,20 +293,18 @@ def _modelled(
         identity = ("provenance", "simulator"), simulator.identity
         refuse_other_work(folder / CAUSES_FILE, *identity, "a search for causes")
     overturned, motions = used.overturned > 0, np.asarray(used.motion_ids)
-    path = None if folder is None else folder / SIMULATIONS
-    if execution.cache is not None:
-        path = made_folder(execution.cache.folder) / SIMULATIONS
+    path = execution.simulations(folder)
     sessions = [trial.session for trial in used.trials]
     steps = session_steps(space, used.relative_order, sessions, simulator.excluded)
     allowed = frozenset(steps.together.names) if GAIN in simulator.excluded else None
     with SimulationCache(simulator, path, chunk=PREDICTION.chunk) as cache:
         found = simulate_scenes(
             cache, space, overturned, motions, scenes, allowed=allowed, seed=seed,
-            progress=lambda share: _report(execution, Stage.MARGINS, share),
+            progress=lambda share: execution.notify(Stage.MARGINS, share),
         )  # fmt: skip
         as_it_is = simulate_as_it_is(
             cache, len(used),
-            progress=lambda done, of: _report(execution, Stage.SIMULATION, done / of),
+            progress=lambda done, of: execution.notify(Stage.SIMULATION, done / of),
         )  # fmt: skip
         work = {"scenes": scenes, "simulations": cache.asked, "simulated": cache.simulated}
     work["threads"] = usable_threads(execution.threads)

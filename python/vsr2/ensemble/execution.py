@@ -14,7 +14,7 @@ from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign
 from vsr2.config import Study
 from vsr2.ensemble.observed.features import Sampling
-from vsr2.ensemble.protocol_cache import ProtocolCache
+from vsr2.ensemble.protocol_cache import SIMULATIONS, ProtocolCache
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.errors import DiagnosisError
@@ -79,6 +79,22 @@ class Execution:
             raise DiagnosisError(
                 f"threads is {self.threads}; give at least 1, or leave it out for all"
             )
+
+    def notify(self, stage: Stage, share: float) -> None:
+        """Report progress, where somebody gets it."""
+        if self.report is not None:
+            self.report(Progress(stage, share))
+
+    def simulations(self, folder: Path | None) -> Path | None:
+        """File of simulations: of the cache, or in the folder of results; None: in memory.
+
+        Raises:
+            DiagnosisError: the cache's folder cannot be used.
+        """
+        if self.cache is not None:
+            made_folder(self.cache.folder)
+            return self.cache.simulations
+        return None if folder is None else folder / SIMULATIONS
 
 
 EXECUTION = Execution()

@@ -17,8 +17,7 @@ from vsr2.analysis.baseline import LOGISTIC
 from vsr2.analysis.overturning_margin import seek_margins
 from vsr2.campaign import Campaign
 from vsr2.config import Study
-from vsr2.ensemble.execution import Execution, Progress, Stage, made_folder, simulator_of
-from vsr2.ensemble.protocol_cache import SIMULATIONS
+from vsr2.ensemble.execution import Execution, Stage, simulator_of
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
 from vsr2.ensemble.simulated.library import GAIN
@@ -90,8 +89,7 @@ class Replicates:
         done = 0
 
         def progress(n: int, m: int) -> None:
-            if self.execution.report is not None:
-                self.execution.report(Progress(Stage.SIMULATION, (done + n) / out.size))
+            self.execution.notify(Stage.SIMULATION, (done + n) / out.size)
 
         for k, study in enumerate(self.scenes):
             rows = range(k, replicates, len(self.scenes))
@@ -101,7 +99,8 @@ class Replicates:
                 identity = ("simulators", k), simulator.identity
                 refuse_other_work(folder / PROVENANCE, *identity, "a prediction")
             requests = [Request(i, (), row + 1, 1) for row in rows for i in range(out.shape[1])]
-            with SimulationCache(simulator, self._cache(folder), chunk=PREDICTION.chunk) as store:
+            path = self.execution.simulations(folder)
+            with SimulationCache(simulator, path, chunk=PREDICTION.chunk) as store:
                 found = store.run(requests, progress=progress)
             out[rows] = found.overturned.reshape(len(rows), -1)
             done += len(requests)
@@ -119,7 +118,8 @@ class Replicates:
         for k, study in enumerate(self.scenes):
             rows = np.arange(k, len(outcomes), len(self.scenes))
             simulator = self._simulator(self.campaign, study)
-            with SimulationCache(simulator, self._cache(folder), chunk=PREDICTION.chunk) as store:
+            path = self.execution.simulations(folder)
+            with SimulationCache(simulator, path, chunk=PREDICTION.chunk) as store:
                 out[rows] = self._sought(store, rows, outcomes[rows], k)
         return out
 
@@ -133,9 +133,8 @@ class Replicates:
             nonlocal halving
             ends = self._scaled(store, rows, logs) if halving else outcomes
             halving += 1
-            if self.execution.report is not None:
-                done = (k + halving / PREDICTION.halvings) / len(self.scenes)
-                self.execution.report(Progress(Stage.MARGINS, done))
+            done = (k + halving / PREDICTION.halvings) / len(self.scenes)
+            self.execution.notify(Stage.MARGINS, done)
             return ends
 
         reach = PREDICTION.reach
@@ -150,9 +149,3 @@ class Replicates:
             for i, log in enumerate(scaled)
         ]
         return np.asarray(store.run(requests).overturned.reshape(logs.shape))
-
-    def _cache(self, folder: Path | None) -> Path | None:
-        """File of simulations; None: in memory."""
-        if self.execution.cache is not None:
-            return made_folder(self.execution.cache.folder) / SIMULATIONS
-        return None if folder is None else folder / SIMULATIONS
