@@ -149,11 +149,12 @@ def test_a_small_budget_runs_a_part_of_the_trials(monkeypatch, simulations, amon
 
 def test_a_diagnosis_is_repeated_with_the_numbers_that_it_notes(monkeypatch) -> None:
     noted = {
+        "simulator": "scene",
         "look": {"among": 55, "trials": 20, "plain": 30},
         "budget": {"campaigns": 480, "trials": 45},
     }
     budget = Budget.repeating(noted, held_out=False)
-    assert (budget.campaigns, budget.held_out) == (450, False)
+    assert (budget.campaigns, budget.held_out, budget.simulator) == (450, False, "scene")
     schedule = Clock(budget, monkeypatch).schedule
     assert schedule.look == (55, 20, 30)
     assert schedule.campaign_trials(50) == 45
@@ -197,6 +198,8 @@ def test_progress_rises_to_all_and_what_is_left_falls(monkeypatch, budget) -> No
         ({"simulations": 0}, "simulations is 0; give at least 1"),
         ({"campaigns": 149}, "campaigns is 149; give at least 150"),
         ({"trials": 39}, "campaign_trials is 39; give at least 40"),
+        ({"trials": 40.5}, "campaign_trials is 40.5; give at least 40"),
+        ({"look": (40, 0, 24)}, "give three numbers of 1 or more"),
     ],
 )
 def test_a_budget_that_cannot_be_is_refused(options, message) -> None:

@@ -256,6 +256,8 @@ def test_another_campaign_is_diagnosed_like_the_first_without_simulating(
     assert budget["simulated"] == 0
     assert main([*line, "--overwrite", "--campaign-trials", "50"]) == 2
     assert "--campaign-trials: --like states it" in capsys.readouterr().err
+    assert main([*line, "--overwrite", "--seed", "8"]) == 2
+    assert "like: that diagnosis is of another scene" in capsys.readouterr().err
     line[line.index("--like") + 1] = str(tmp_path)
     assert main([*line, "--overwrite"]) == 2
     assert "holds no finished diagnosis (diagnosis.json); diagnose first" in capsys.readouterr().err

@@ -23,7 +23,7 @@ from vsr2.ensemble.simulated.campaigns import (
 )
 from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY, AlternativeContact
 from vsr2.ensemble.simulated.library import free_parameters, primary_parameters, sides, values_at
-from vsr2.ensemble.simulated.look import LOOK, Limit, evenly, look, most_tried
+from vsr2.ensemble.simulated.look import LOOK, Limit, look, most_tried, spread
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import Request
 from vsr2.simulation import check_trials
@@ -155,12 +155,32 @@ def test_trials_that_are_not_run_are_as_if_there_were_none() -> None:
         found = look(cache, 40, among=20)
     # The signal is of twenty trials in place of forty.
     assert found.limits["wear", 1].share == pytest.approx(3 / 4 / np.sqrt(20), rel=0.15)
-    assert set(found.responding) <= set(evenly(np.arange(40), 20))
-    assert few.runs == (2 * len(LOOK.shares) + LOOK.plain) * 20
+    # A first draw of all, and the rest of the look of twenty.
+    assert few.runs == 20 + (2 * len(LOOK.shares) + LOOK.plain) * 20
     np.testing.assert_array_equal(found.spread(500), found.responding)
-    part = found.spread(5)
-    assert part.size == 5
-    assert (part[0], part[-1]) == (found.responding[0], found.responding[-1])
+
+
+def test_a_part_of_the_trials_is_of_those_that_lift_off() -> None:
+    few = LinearSimulator({"wear": loss(4.0)}, trials=40, base=(-8.0, -2.0))
+    with SimulationCache(few) as cache:
+        every, part = look(cache, 40), look(cache, 40, among=10)
+    assert part.responding.size == 10
+    assert set(part.responding) <= set(every.responding)
+
+
+@pytest.mark.parametrize("period", [2, 3, 5, 8, 10, 20])
+def test_a_part_keeps_no_step_with_a_schedule_that_repeats_itself(period: int) -> None:
+    trials = np.arange(200)
+    counts = np.bincount(spread(trials, 40) % period, minlength=period)
+    assert counts.min() >= 0.5 * 40 / period
+    for count in (1, 7, 40, 199, 200, 500):
+        found = spread(trials, count)
+        assert found.size == min(count, 200)
+        assert (np.diff(found) > 0).all()
+        assert set(found) <= set(spread(trials, count + 1))
+        # No part of the schedule is left out.
+        if count > 6:
+            assert np.diff([0, *found, 199]).max() <= 3 * 200 / count
 
 
 def test_a_trial_that_flips_by_chance_moves_a_limit_by_one_step_at_most() -> None:

@@ -131,12 +131,13 @@ def diagnose(
         return _check(campaign, scene, out, question, effort)
     check_draws(effort.posterior_draws)
     measured, study = load_campaign(campaign).on_file(), opt.scene(scene, effort.set)
+    budget, hypotheses = _budget(effort), _hypotheses(question)
     opt.work_folder(out, WORK_FILES, "a diagnosis", effort)
     with opt.cluster(effort.scheduler, effort.threads) as client:
         asked = Asked(
             tier=question.tier,
-            budget=_budget(effort),
-            hypotheses=_hypotheses(question),
+            budget=budget,
+            hypotheses=hypotheses,
             execution=opt.execution(effort, client, "diagnose"),
             seed=question.seed,
         )
@@ -189,7 +190,7 @@ def _budget(effort: Effort) -> Budget:
         effort.budget_minutes,
         effort.simulations,
         effort.campaigns,
-        effort.campaign_trials,
+        trials=effort.campaign_trials,
         held_out=held_out,
         waterfall=waterfall,
         cpu_minutes=effort.budget_cpu_minutes,

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from os import PathLike
 from pathlib import Path
 
@@ -10,7 +11,7 @@ from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis.budget import Budget
-from vsr2.diagnosis.corrected import with_correction, write_corrected
+from vsr2.diagnosis.corrected import with_correction, write_corrected, write_scenes
 from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.verdict.document import FILE, Diagnosis
 from vsr2.effects import check_study_effects
@@ -62,17 +63,13 @@ def diagnose(
             cannot be used.
     """
     seed = checked_seed(seed, DiagnosisError)
-    if budget.cpu_minutes is not None and execution.client is not None:
-        raise DiagnosisError(
-            "budget_cpu_minutes counts processor time of this process, and a cluster's workers are "
-            "others; give wall time, simulations or campaigns"
-        )
     given = (campaign if isinstance(campaign, Campaign) else load_campaign(campaign)).on_file()
     study = scene if isinstance(scene, Study) else load_study(scene)
     check_study_effects(study.effects, study.name if isinstance(scene, Study) else scene)
     seen = observe_campaign(given, tier)
     simulator = scene_simulator(seen, study, hypotheses, execution, seed)
-    folder = None if out is None else _own_folder(Path(out), simulator)
+    _check_budget(budget, simulator, execution)
+    folder = None if out is None else _own_folder(Path(out), simulator, seen)
     if execution.cache is not None:
         made_folder(execution.cache.folder)
     found = diagnose_with(
@@ -91,6 +88,7 @@ def diagnose(
         report=execution.report,
         provenance={
             "scene": study.name,
+            "outcomes": _outcomes(seen),
             "scene_effects": study.effects,
             "left_out": len(given) - len(seen),
             "unavailable": {
@@ -104,14 +102,35 @@ def diagnose(
     if folder is not None:
         found.save(folder)
         write_corrected(found, study, folder)
+        write_scenes([], folder)
     return found
 
 
-def _own_folder(folder: Path, simulator: SceneSimulator) -> Path:
+def _check_budget(budget: Budget, simulator: SceneSimulator, execution: Execution) -> None:
+    """Refuse a budget that this work cannot have."""
+    if budget.cpu_minutes is not None and execution.client is not None:
+        raise DiagnosisError(
+            "budget_cpu_minutes counts processor time of this process, and a cluster's workers are "
+            "others; give wall time, simulations or campaigns"
+        )
+    if budget.simulator not in ("", simulator.identity):
+        raise DiagnosisError(
+            "like: that diagnosis is of another scene, schedule of trials, tolerance or seed; give "
+            "a budget"
+        )
+
+
+def _own_folder(folder: Path, simulator: SceneSimulator, seen: Observations) -> Path:
     """The folder of a diagnosis, made where it is not there; refused where it holds another."""
-    identity = ("provenance", "simulator"), simulator.identity
-    refuse_other_work(made_folder(folder) / FILE, *identity, "a diagnosis")
+    file = made_folder(folder) / FILE
+    for key, value in (("simulator", simulator.identity), ("outcomes", _outcomes(seen))):
+        refuse_other_work(file, ("provenance", key), value, "a diagnosis")
     return folder
+
+
+def _outcomes(seen: Observations) -> str:
+    """Hash of what the trials came to, by which campaigns of one schedule differ."""
+    return hashlib.blake2b(seen.overturned.tobytes(), digest_size=8).hexdigest()
 
 
 def scene_simulator(

@@ -6,7 +6,7 @@ import math
 import time
 from collections.abc import Mapping
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 from typing import Any
 
 from vsr2.argument_names import checked_names
@@ -68,16 +68,17 @@ class Budget:
         simulations: their greatest number, however long they take; None: from `minutes`.
         campaigns: number of simulated campaigns, whatever they cost, so that all campaigns of one
             set-up share them; None: from the above. At least 150.
-        trials: of each simulated campaign; None: all where `campaigns` is given, else as many as
-            leave time for 60 campaigns of each effect, but 40 at least.
-        look: numbers of trials that are run, of trials on which effects are tried, and of draws
-            without effect; None: as the budget affords.
         held_out: simulate again what is named, on motions that were not seen; without it a
             diagnosis does not say how far the gap shrinks.
         waterfall: judge each of the likeliest causes on motions that neither fit nor choice saw,
             which takes five more trainings.
         cpu_minutes: of processor time of this process, all threads together, in place of `minutes`,
             so that other work on the machine takes nothing from it; None: wall time.
+        trials: of each simulated campaign; None: all where `campaigns` is given, else as many as
+            leave time for 60 campaigns of each effect, but 40 at least.
+        look: numbers of trials that are run, of trials on which effects are tried, and of draws
+            without effect; None: as the budget affords.
+        simulator: identity of that which the budget is for; empty: any.
 
     Raises:
         DiagnosisError: a number out of range.
@@ -86,11 +87,12 @@ class Budget:
     minutes: float = 10.0
     simulations: int | None = None
     campaigns: int | None = None
-    trials: int | None = None
-    look: tuple[int, int, int] | None = None
     held_out: bool = True
     waterfall: bool = False
     cpu_minutes: float | None = None
+    trials: int | None = None
+    look: tuple[int, int, int] | None = None
+    simulator: str = ""
 
     def __post_init__(self) -> None:
         for name, minutes in (("minutes", self.minutes), ("cpu_minutes", self.cpu_minutes)):
@@ -104,7 +106,9 @@ class Budget:
             )
         if self.campaigns is not None and self.campaigns < SCHEDULE.fewest:
             raise DiagnosisError(f"campaigns is {self.campaigns}; give at least {SCHEDULE.fewest}")
-        if self.trials is not None and self.trials < SCHEDULE.least_trials:
+        if self.trials is not None and not (
+            isinstance(self.trials, Integral) and self.trials >= SCHEDULE.least_trials
+        ):
             raise DiagnosisError(
                 f"campaign_trials is {self.trials}; give at least {SCHEDULE.least_trials}"
             )
@@ -123,9 +127,10 @@ class Budget:
         """
         looked, spent = provenance["look"], provenance["budget"]
         return cls(
-            campaigns=spent["campaigns"] - looked["plain"],
+            campaigns=max(spent["campaigns"] - looked["plain"], SCHEDULE.fewest),
             trials=max(spent["trials"], SCHEDULE.least_trials),
             look=(looked["among"], looked["trials"], looked["plain"]),
+            simulator=provenance["simulator"],
             **options,
         )
 

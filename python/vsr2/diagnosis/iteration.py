@@ -200,7 +200,12 @@ def iterate(
             ended = Ended.NOTHING_CHANGED
             break
         study = corrected
-        asked = replace(asked, hypotheses=replace(asked.hypotheses, references=()))
+        # What a diagnosis did of another scene says nothing of this one.
+        asked = replace(
+            asked,
+            hypotheses=replace(asked.hypotheses, references=()),
+            budget=replace(asked.budget, simulator=""),
+        )
     done = Iteration(tuple(rounds), ended, study)
     done.save(folder)
     return done

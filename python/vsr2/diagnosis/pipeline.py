@@ -113,7 +113,7 @@ def diagnose_with(
         schedule = Schedule(budget, store, len(seen), simulator.library, watch)
         work = _Work(store, seen, schedule, kept, question, report)
         seen_look = work.look()
-        responding = _responding(seen_look, campaign.name, len(seen))
+        responding = _responding(seen_look, campaign.name, (schedule.among, len(seen)))
         trials = seen_look.spread(schedule.campaign_trials(responding.size))
         posterior = work.posterior(seen_look, trials)
         # By the campaign's own library, as effects that it lacks raise the probability of none.
@@ -190,15 +190,22 @@ def _noted(
     }
 
 
-def _responding(found: Look, name: str, trials: int) -> NDArray[np.int64]:
+def _responding(found: Look, name: str, run: tuple[int, int]) -> NDArray[np.int64]:
     """Trials that lift off in some draw of nuisances; there are some.
+
+    Args:
+        found: detection limits.
+        name: of the campaign.
+        run: how many of its trials were run, and how many it has.
 
     Raises:
         DiagnosisError: there are none, so that simulated campaigns would all be alike.
     """
     if not found.responding.size:
+        among, trials = run
+        part = f"the {among} that the budget runs of its" if among < trials else "its"
         raise DiagnosisError(
-            f"campaign {name!r}: none of its {trials} trials lifts off in the scene, so that no "
+            f"campaign {name!r}: none of {part} {trials} trials lifts off in the scene, so that no "
             "cause can be distinguished from another; drive the trials more strongly, or correct "
             "the scene (size of the rock, motions and their units)"
         )

@@ -105,14 +105,19 @@ class Look:
     responding: NDArray[np.int64]
 
     def spread(self, count: int) -> NDArray[np.int64]:
-        """So many of the responding trials, evenly spread; all, where there are no more."""
-        return evenly(self.responding, count)
+        """So many of the responding trials; all, where there are no more."""
+        return spread(self.responding, count)
 
 
-def evenly(trials: NDArray[np.int64], count: int) -> NDArray[np.int64]:
-    """So many of some trials, evenly spread; all, where there are no more."""
-    chosen = np.linspace(0, trials.size - 1, min(count, trials.size))
-    return np.asarray(trials[chosen.round().astype(int)])
+def spread(trials: NDArray[np.int64], count: int) -> NDArray[np.int64]:
+    """So many of some trials, spread over them; all, where there are no more.
+
+    Those whose multiples of the golden ratio have the least fractions: so they keep no step with a
+    schedule that repeats itself (H. Weyl, 1916), and fewer are a part of more.
+    """
+    ratio = 0.5 * (math.sqrt(5.0) - 1.0)
+    fractions = ratio * np.arange(trials.size) % 1.0
+    return np.asarray(trials[np.argsort(np.argsort(fractions)) < count])
 
 
 def tries(library: Library) -> int:
@@ -145,15 +150,19 @@ def look(
     Args:
         cache: of simulations.
         trials: of the campaign.
-        among: so many of them alone, evenly spread; None: all. The others are as if they had not
-            been run.
+        among: so many of them alone, spread over those that lift off in the first draw; None: all.
+            The others are as if they had not been run.
         most: trials on which effects are tried; None: :func:`most_tried`.
         plain: draws of nuisances without effect.
         seed: of the secondary parameters.
         progress: called with simulations done and all.
     """
     library, simulator = cache.simulator.library, cache.simulator
-    run = evenly(np.arange(trials), trials if among is None else among)
+    run = np.arange(trials)
+    if among is not None and among < trials:
+        lifts = _severity(cache.run([Request(i, (), 1, 1) for i in range(trials)]))
+        lifting = np.flatnonzero(lifts > np.log(LOOK.moved))
+        run = spread(lifting if lifting.size else run, among)
     requests = [Request(int(i), (), m, 1) for m in range(1, plain + 1) for i in run]
     bare = _severity(cache.run(requests)).reshape(plain, run.size)
     responding = np.flatnonzero(np.nanmax(bare, axis=0) > np.log(LOOK.moved))
