@@ -374,7 +374,9 @@ def test_help_and_pages_say_how_many_campaigns_there_are_at_least(
     assert least in " ".join(capsys.readouterr().out.replace("│", " ").split())
     for page in ("how-to/diagnose.md", "reference/command_line.md"):
         text = (Path(__file__).parents[2] / "docs" / page).read_text(encoding="utf-8")
-        [found] = [one for one in text.splitlines() if one.startswith(("- `--camp", "| `--camp"))]
+        [found] = [
+            one for one in text.splitlines() if one.startswith(("- `--campaigns", "| `--campaigns"))
+        ]
         assert least in found
 
 
