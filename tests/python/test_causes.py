@@ -236,6 +236,14 @@ def test_a_finished_search_with_another_seed_is_not_replaced(campaign, found) ->
             execution=Execution(threads=1),
         )  # fmt: skip
     assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
+    first, *others = campaign.trials
+    flipped = (replace(first, overturned=not first.overturned), *others)
+    with pytest.raises(ResultError, match="a search for causes of another scene, campaign, seed"):
+        find_causes(
+            replace(campaign, trials=flipped), scene(), out=folder, scenes=SCENES.least,
+            hypotheses=ASKED, execution=Execution(threads=1),
+        )  # fmt: skip
+    assert {path: path.read_bytes() for path in folder.rglob("*") if path.is_file()} == before
 
 
 def test_threads_and_what_is_there_change_no_byte(campaign, found, tmp_path) -> None:

@@ -146,7 +146,7 @@ def test_every_effect_may_have_a_seed_of_its_own(trials: list[Trial]) -> None:
         made = with_effects(trials, [placed, placed], seed=seed)
         return [dict(trial.effects[index].values)["yaw"] for trial in made]
 
-    assert yaws([1, 2], 0) == yaws(1, 0)
+    assert yaws([1, 2], 0) == yaws(1, 0) == yaws(np.int64(1), 0)
     assert yaws([1, 2], 1) == yaws(2, 1) != yaws(1, 1)
     # One of each trial: those of equal seeds draw alike, wherever they stand.
     of_each = dict(enumerate([7, 7, 8, 9, 10, 11][: len(trials)]))

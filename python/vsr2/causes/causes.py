@@ -44,6 +44,7 @@ from vsr2.diagnosis.corrected import (
 from vsr2.diagnosis.how_far.ensemble_losses import Ensemble
 from vsr2.diagnosis.how_far.negative_controls import NEGATIVE_CONTROLS
 from vsr2.ensemble.execution import EXECUTION, Execution, Stage, made_folder, simulator_of
+from vsr2.ensemble.observed.observations import outcomes_hash
 from vsr2.ensemble.protocol_cache import SIMULATIONS
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
@@ -290,8 +291,11 @@ def _modelled(
     if not space.names:
         raise DiagnosisError("no effect is left to look for: exclude fewer")
     if folder is not None:
-        identity = ("provenance", "simulator"), simulator.identity
-        refuse_other_work(folder / CAUSES_FILE, *identity, "a search for causes")
+        known = ("simulator", simulator.identity), ("outcomes", outcomes_hash(used.overturned))
+        for key, value in known:
+            refuse_other_work(
+                folder / CAUSES_FILE, ("provenance", key), value, "a search for causes"
+            )
     overturned, motions = used.overturned > 0, np.asarray(used.motion_ids)
     path = execution.simulations(folder)
     sessions = [trial.session for trial in used.trials]
@@ -306,8 +310,11 @@ def _modelled(
             cache, len(used),
             progress=lambda done, of: execution.notify(Stage.SIMULATION, done / of),
         )  # fmt: skip
-        work = {"scenes": scenes, "simulations": cache.asked, "simulated": cache.simulated}
+        work: dict[str, Any] = {
+            "scenes": scenes, "simulations": cache.asked, "simulated": cache.simulated,
+        }  # fmt: skip
     work["threads"] = usable_threads(execution.threads)
+    work["outcomes"] = outcomes_hash(used.overturned)
     emulator = found.known().emulator(space)
     nuisances = len(simulator.nuisance_names)
     model = OutcomeModel(

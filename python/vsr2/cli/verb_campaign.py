@@ -137,7 +137,6 @@ def compare(
         seed: of the draws
     """
     from vsr2.campaign import load_campaign
-    from vsr2.diagnosis.diagnosis_constants import diagnosis_constants
     from vsr2.ensemble import Hypotheses
     from vsr2.ensemble.reference_campaign import compare_reference, reference_constants
     from vsr2.report.messages.commands import reference_table
@@ -151,8 +150,7 @@ def compare(
         seed=seed,
     )
     if json:
-        constants = {**reference_constants(), **diagnosis_constants()}
-        opt.print_json({"constants": constants, "measures": found})
+        opt.print_json({"constants": reference_constants(), "measures": found})
     else:
         print(reference_table(found))
     return int(any(one.differs for one in found))

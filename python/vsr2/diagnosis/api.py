@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import hashlib
 from os import PathLike
 from pathlib import Path
 
@@ -16,7 +15,7 @@ from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.verdict.document import FILE, Diagnosis
 from vsr2.effects import check_study_effects
 from vsr2.ensemble.execution import EXECUTION, Execution, made_folder, simulator_of
-from vsr2.ensemble.observed.observations import Observations, observe_campaign
+from vsr2.ensemble.observed.observations import Observations, observe_campaign, outcomes_hash
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
 from vsr2.ensemble.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.errors import DiagnosisError
@@ -88,7 +87,7 @@ def diagnose(
         report=execution.report,
         provenance={
             "scene": study.name,
-            "outcomes": _outcomes(seen),
+            "outcomes": outcomes_hash(seen.overturned),
             "scene_effects": study.effects,
             "left_out": len(given) - len(seen),
             "unavailable": {
@@ -123,14 +122,12 @@ def _check_budget(budget: Budget, simulator: SceneSimulator, execution: Executio
 def _own_folder(folder: Path, simulator: SceneSimulator, seen: Observations) -> Path:
     """The folder of a diagnosis, made where it is not there; refused where it holds another."""
     file = made_folder(folder) / FILE
-    for key, value in (("simulator", simulator.identity), ("outcomes", _outcomes(seen))):
+    for key, value in (
+        ("simulator", simulator.identity),
+        ("outcomes", outcomes_hash(seen.overturned)),
+    ):
         refuse_other_work(file, ("provenance", key), value, "a diagnosis")
     return folder
-
-
-def _outcomes(seen: Observations) -> str:
-    """Hash of what the trials came to, by which campaigns of one schedule differ."""
-    return hashlib.blake2b(seen.overturned.tobytes(), digest_size=8).hexdigest()
 
 
 def scene_simulator(

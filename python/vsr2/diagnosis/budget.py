@@ -13,6 +13,7 @@ from vsr2.argument_names import checked_names
 from vsr2.diagnosis.how_far.held_out import HELD_OUT
 from vsr2.diagnosis.how_far.held_out import simulations as judging
 from vsr2.diagnosis.how_far.waterfall import simulations as waterfall_simulations
+from vsr2.diagnosis.verdict.limits import LIMITS
 from vsr2.ensemble.noise_floor import NOISE_FLOOR
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.library import Library
@@ -29,7 +30,8 @@ class ScheduleConstants:
         plain_share: of the simulations that may go into its draws without effect.
         chunk: campaigns simulated between two looks at the clock.
         fewest: campaigns that are simulated, whatever the budget.
-        wanted: campaigns for each effect that are simulated before they get more trials.
+        wanted: campaigns for each effect that are simulated before they get more trials: so many
+            that a verdict does not call them few.
         least_trials: of a campaign, however small the budget.
         most: campaigns that are simulated where the budget allows more.
         first: share of the budget after which there is a first answer.
@@ -44,7 +46,7 @@ class ScheduleConstants:
     plain_share: float = 0.1
     chunk: int = 50
     fewest: int = 150
-    wanted: int = 60
+    wanted: int = LIMITS.few_campaigns
     least_trials: int = 40
     most: int = 8000
     first: float = 0.1
@@ -127,7 +129,7 @@ class Budget:
         """
         looked, spent = provenance["look"], provenance["budget"]
         return cls(
-            campaigns=max(spent["campaigns"] - looked["plain"], SCHEDULE.fewest),
+            campaigns=spent["campaigns"] - looked["plain"],
             trials=max(spent["trials"], SCHEDULE.least_trials),
             look=(looked["among"], looked["trials"], looked["plain"]),
             simulator=provenance["simulator"],

@@ -194,7 +194,7 @@ def each_with_effects(
     in_time = sorted(range(count), key=lambda i: order[i])
     order_of_sessions = tuple(dict.fromkeys(held[i] for i in in_time))
     wanted = range(count) if only is None else sorted(only)
-    seeds = [seed] * len(effects) if isinstance(seed, int) else seed
+    seeds = seed if isinstance(seed, Sequence) else [seed] * len(effects)
 
     def applied(one: Effect, values: Values, seed: Seed) -> dict[int, Applied]:
         """The effect where it acts, by the trial's index; equal ones are one object."""
@@ -226,7 +226,7 @@ def each_with_effects(
 
 def _drawing(one: Effect, seed: Seed, index: int) -> np.random.Generator:
     """For what an effect draws in the trial of an index."""
-    if not isinstance(seed, int):
+    if isinstance(seed, Mapping):
         seed, index = seed[index], 0
     key = (index, zlib.crc32(one.name.encode()))
     return np.random.default_rng(np.random.SeedSequence(seed, spawn_key=key))

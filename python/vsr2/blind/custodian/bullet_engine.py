@@ -212,7 +212,7 @@ class BulletEngine:
             [pair for pair, _ in given],
             relative_order=[one.context.order for one in inputs],
             sessions=[f"{one.context.session}" for one in inputs],
-            seed=[seed for _, seed in given],
+            seed=[own for _, own in given],
         )
 
     def _start(self, scene: Scene, one: TrialInput) -> Pose:

@@ -304,7 +304,7 @@ def _mean(values: Array) -> Array:
 def rows(
     how_far: HowFar, seen: Observations, predicted: Mapping[int, float]
 ) -> list[dict[str, Any]]:
-    """One row a trial of the campaign; nothing is known of those that never lift off.
+    """One row a trial of the campaign; blank for those that never lift off or were not run.
 
     Args:
         how_far: before and after.

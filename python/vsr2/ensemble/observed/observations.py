@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
 
 import numpy as np
@@ -155,6 +156,15 @@ def same_trials(one: Observations, other: Observations) -> bool:
         )
     ]
     return not np.any(far)
+
+
+def outcomes_hash(overturned: Array) -> str:
+    """Of what the trials came to, by which campaigns of one schedule differ.
+
+    Args:
+        overturned: 1, 0 or NaN, shape (trials,).
+    """
+    return hashlib.blake2b(overturned.tobytes(), digest_size=8).hexdigest()
 
 
 def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observations:

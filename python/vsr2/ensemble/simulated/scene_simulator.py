@@ -283,8 +283,13 @@ class SceneSimulator:
             self._kept(scene),
         )
 
-    def _kept(self, scene: _Scene) -> MadeEarlier:
-        """What was made of a scene; that of those asked for last stays."""
+    def _kept(self, scene: _Scene) -> MadeEarlier | None:
+        """What was made of a scene; that of those asked for last stays.
+
+        None: of variants and shifted starts, whose trials are made anew each time.
+        """
+        if scene.replicate < 0:
+            return None
         key = scene._replace(by_trial=())
         made = self._earlier[key] = self._earlier.pop(key, MadeEarlier(KEPT_MOTIONS))
         if len(self._earlier) > KEPT_SCENES:
