@@ -79,7 +79,7 @@ def test_nominal_trials_are_those_of_the_study_s_effects(shaken) -> None:
     for variant in (HALF_STEP, FINE_SOLVER, PERTURBED):
         acting = {applied.effect.name for applied in built(own, replicate=variant)[-1].effects}
         assert acting == set(SEVERAL)
-    # Their trials are made anew each time, so nothing of them is kept.
+    # Their trials are new objects each time, so nothing of them is kept.
     assert {kept.replicate for kept in own._earlier} == {0}
     requests = [Request(i, (), 0, 0) for i in range(0, 20, 3)]
     known = tuple((one, tuple(effect(one).complete(SEVERAL[one]).values())) for one in SEVERAL)

@@ -286,7 +286,7 @@ class SceneSimulator:
     def _kept(self, scene: _Scene) -> MadeEarlier | None:
         """What was made of a scene; that of those asked for last stays.
 
-        None: of variants and shifted starts, whose trials are made anew each time.
+        None: of variants and shifted starts, whose trials are new objects each time.
         """
         if scene.replicate < 0:
             return None
