@@ -95,7 +95,7 @@ CHECKS = {
             replicates=8,
             signal_trials=32,
         ),
-        4000,
+        8000,
     ),
     "leave-one-out": Check(
         1,

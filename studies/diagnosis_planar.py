@@ -45,6 +45,7 @@ from vsr2.ensemble.simulated.simulator import Effects, Request
 from vsr2.posterior.calibration import label_probability, label_set
 from vsr2.posterior.summaries import SUMMARY
 from vsr2.posterior.training import Found, Posterior
+from vsr2.posterior.truth import PRIOR
 
 Array = NDArray[np.float64]
 Row = dict[str, Any]
@@ -218,7 +219,7 @@ def scores(rows: list[Row]) -> Row:
         "covered": _mean(row["covered"] for row in stated),
         "covered_pairs": _mean(row["covered"] for row in pair),
         "set_size": _median(row["set_size"] for row in stated),
-        "calibration_error": _calibration(stated),
+        "calibration_error": _calibration([none, single, pair, unknown]),
         "error_strong": _median(row["error"] for row in strong),
         "inside": _mean(row["inside"] for row in single),
         "located_strong": _mean(row["located"] for row in strong),
@@ -256,10 +257,20 @@ def _log_loss(rows: list[Row]) -> float:
     return _mean(-np.log(max(row["p_true"], LEAST)) for row in rows)
 
 
-def _calibration(rows: list[Row]) -> float:
-    """Expected calibration error of the most probable class."""
-    stated = np.array([[row["p_top"], row["answer"]] for row in rows])
-    return float(calibration_error(stated[None])[0])
+def _calibration(kinds: Sequence[list[Row]]) -> float:
+    """Expected calibration error of the most probable class, kinds weighted as in the prior.
+
+    Args:
+        kinds: campaigns without effect, with one, with two, and with a cause outside the library.
+    """
+    if not all(kinds):
+        return float("nan")
+    prior = (PRIOR.none, PRIOR.one, PRIOR.two, PRIOR.outside)
+    stated = np.array([[row["p_top"], row["answer"]] for rows in kinds for row in rows])
+    weight = np.repeat(
+        [p / len(rows) for p, rows in zip(prior, kinds, strict=True)], [*map(len, kinds)]
+    )
+    return float(calibration_error(stated[None], weight)[0])
 
 
 def write(path: Path, rows: list[Row]) -> None:

@@ -182,8 +182,10 @@ def _late(effect: Effect, bench: Bench) -> Check:
 def table_saturation(effect: Effect, bench: Bench) -> list[Check]:
     trial = replace(bench.block(), motion=bench.pulse(3.0, 1.0))
     cap, most = 0.3, 2.0
-    driven = effect.change(trial, {"velocity": cap, "acceleration": most}).motion
+    capped = {"velocity": cap, "acceleration": most}
+    driven = effect.change(trial, effect.complete(capped)).motion
     v, step = driven.velocity, driven.time_step
+    late = effect.change(trial, capped | {"return_frequency": 0.5}).motion
     return [
         Check("greatest speed [m/s]", float(np.abs(v).max()), cap, 1e-9),
         Check("greatest acceleration [m/s^2]", driven.peak_acceleration, most, 1e-9),
@@ -197,7 +199,18 @@ def table_saturation(effect: Effect, bench: Bench) -> list[Check]:
                 np.cumsum(0.5 * (v[1:] + v[:-1])) * step - driven.displacement[1:]
             ).max()), 0.0, 1e-4,
         ),
+        _return_check(late, float(trial.motion.displacement[-1]), trial.motion.duration, 0.5),
     ]  # fmt: skip
+
+
+def _return_check(driven: Motion, command: float, begin: float, frequency: float) -> Check:
+    """A critically damped return after `begin` [s]: (e + (e' + w e) t) exp(-w t)."""
+    first = round((begin + 0.5) / driven.time_step)
+    error, rate = driven.displacement[first] - command, driven.velocity[first]
+    omega, time = 2 * math.pi * frequency, 1.0
+    expected = (error + (rate + omega * error) * time) * math.exp(-omega * time)
+    found = driven.displacement[first + round(time / driven.time_step)] - command
+    return Check("what is left of the error after 1 s [m]", float(found), float(expected), 1e-6)
 
 
 @closed_form

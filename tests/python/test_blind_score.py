@@ -324,6 +324,13 @@ def test_what_is_stated_as_certain_counts_in_the_calibration() -> None:
     assert calibration_error(samples)[0] == pytest.approx(0.375)
 
 
+def test_a_weight_counts_a_campaign_as_often_as_it_says() -> None:
+    rows = np.random.default_rng(0).random((1, 12, 2)).round(1)
+    times = np.arange(1, 13) % 4
+    repeated = calibration_error(np.repeat(rows, times, axis=1))
+    assert calibration_error(rows, times) == pytest.approx(repeated)
+
+
 def test_true_probabilities_have_a_calibration_error_too() -> None:
     assert calibration_noise([1.0, 0.0, 1.0]) == Score(0.0, 0.0, 0.0, 3)
     # In one bin it is |k / 10 - 0.5|, k of Binomial(10, 0.5): on average 0.1230, within 2000 draws

@@ -369,6 +369,30 @@ def test_a_draw_that_leaves_nothing_of_the_rock_has_no_outcome(scene_simulator) 
     assert np.isnan(scene_simulator.run(asked[:1]).overturned).all()
 
 
+def test_travel_is_counted_from_where_the_record_says_that_the_table_is(tmp_path) -> None:
+    """As a camera beside the table sees it: a table that does not come back takes the rock along.
+
+    Under 0.3 g the block stands still on the table, but for what its contact gives way.
+    """
+    shaken = shaken_campaign(2, 2, duration=1.0, pga_g=(0.2, 0.3))
+    known = {"table_saturation": full_library()["table_saturation"]}
+    study = study_from_mapping(BOX, base=tmp_path)
+    simulator = SceneSimulator(
+        shaken, study, hypotheses=Hypotheses(known, nuisances=()), series=True, seed=3
+    )
+    capped = {"velocity": np.inf, "acceleration": 1.0, "return_frequency": 0.03}
+    effect = simulator.library["table_saturation"]
+    values = tuple(capped[p.name] for p in effect.parameters)
+    asked = [Request(i, (("table_saturation", values),), 1, 1) for i in range(4)]
+    found = simulator.run(asked).features
+    assert found is not None
+    for trial, features in zip(simulator._trials, found, strict=True):
+        (driven,) = with_effects([trial], [(effect, capped)], relative_order=[0.0], sessions=["1"])
+        left = driven.motion.displacement[-1] - trial.motion.displacement[-1]
+        assert abs(left) > 5e-3
+        assert features[-1] == pytest.approx(abs(left), abs=1e-4)
+
+
 def contact(simulator, **values):
     given = {p.name: p.null for p in MODEL.parameters} | values
     (trial,) = with_effects(

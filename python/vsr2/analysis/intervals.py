@@ -122,16 +122,18 @@ def area_under_roc(samples: Array) -> Array:
     return out
 
 
-def calibration_error(samples: Array) -> Array:
+def calibration_error(samples: Array, weight: ArrayLike = 1.0) -> Array:
     """Expected calibration error over equally wide bins of probability (Naeini et al. 2015).
 
     Args:
         samples: stated probability and whether it came true (1 or 0), shape (samples, n, 2).
+        weight: of each of the n, shape (n,); the default counts all alike.
     """
     stated, true, bins = samples[..., 0], samples[..., 1], INTERVALS.bins
     inside = np.minimum((stated * bins).astype(int), bins - 1)
-    gaps = [np.abs(((stated - true) * (inside == i)).sum(axis=1)) for i in range(bins)]
-    total: Array = np.sum(gaps, axis=0) / stated.shape[1]
+    counts = np.broadcast_to(np.asarray(weight, dtype=np.float64), stated.shape[1:])
+    gaps = [np.abs(((stated - true) * counts * (inside == i)).sum(axis=1)) for i in range(bins)]
+    total: Array = np.sum(gaps, axis=0) / counts.sum()
     return total
 
 

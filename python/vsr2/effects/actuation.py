@@ -37,14 +37,14 @@ class ActuationConstants:
 
     Attributes:
         low_pass_damping: damping ratio of the actuator's low-pass: Butterworth's, of second order.
-        loop_frequency: at which a saturated table comes back to its command [Hz]; chosen by hand.
+        saturated_rest: in which a saturated table still comes back [s]; chosen by hand.
         filter_order: of the low-pass that smooths the input, Butterworth's; chosen by hand.
         smooth_rest: rest beside a motion that is smoothed, in periods of the corner.
         gain_rest: likewise beside one whose gain differs by frequency, of the lower corner.
     """
 
     low_pass_damping: float = math.sqrt(0.5)
-    loop_frequency: float = 3.0
+    saturated_rest: float = 2.0
     filter_order: int = 3
     smooth_rest: float = 2.0
     gain_rest: float = 3.0
@@ -121,8 +121,7 @@ def half_passed(one: float, other: float, power: int) -> float:
         return min(one, other)
     # (1 + x) (1 + r x) = 2 with x = (f / one)^power, r = (one / other)^power.
     ratio = (one / other) ** power
-    b = 1 + ratio
-    x = 2 / (b + math.sqrt(b * b + 4 * ratio))
+    x = 2 / (1 + ratio + math.sqrt((1 + ratio) ** 2 + 4 * ratio))
     return float(one * x ** (1 / power))
 
 
@@ -397,9 +396,7 @@ class TableBandwidth(Effect):
     )  # fmt: skip
     channels = ("motion", "tilt")
     confounded_with = ("input_filter",)
-    source = (
-        "closed-loop model of servo-hydraulic tables; Trombetti & Conte (2002), J. Earthq. Eng."
-    )
+    source = "servo-hydraulic tables in closed loop; Trombetti & Conte (2002), J. Earthq. Eng."
     stage = "actuation"
     rank = 3
 
@@ -428,8 +425,9 @@ class TableBandwidth(Effect):
 class TableSaturation(Effect):
     """A table at its limits.
 
-    Where the command exceeds a cap the acceleration is clipped and integrated again; a critically
-    damped loop of 3 Hz, itself within the caps, brings the table back to its command.
+    Where the command exceeds a cap the acceleration is clipped and integrated again. A critically
+    damped loop, within the caps, brings the table back to its command: soon where its displacement
+    is controlled, late where its acceleration is. It stops two seconds after the motion.
     """
 
     name = "table_saturation"
@@ -443,6 +441,10 @@ class TableSaturation(Effect):
             "acceleration", "m/s^2", math.inf, 2.0, 20.0, "loguniform",
             "greatest acceleration; none given: no cap", limits=(1e-2, 1e4), twice="least",
         ),
+        Parameter(
+            "return_frequency", "Hz", 3.0, 0.03, 5.0, "loguniform", "of the loop that brings the "
+            "table back", limits=(0.01, 50.0), secondary=True, twice="least",
+        ),
     )  # fmt: skip
     channels = ("motion", "tilt")
     confounded_with = ("table_bandwidth",)
@@ -455,9 +457,8 @@ class TableSaturation(Effect):
         velocity, acceleration = values["velocity"], values["acceleration"]
         if motion.pgv <= velocity and motion.peak_acceleration <= acceleration:
             return trial
-        path: Path = held(motion, round(2.0 / motion.time_step))
-        loop = ACTUATION.loop_frequency
-        path = limited(path, velocity, acceleration, motion.time_step, loop=loop)
+        path: Path = held(motion, round(ACTUATION.saturated_rest / motion.time_step))
+        path = limited(path, velocity, acceleration, motion.time_step, values["return_frequency"])
         return _driven(trial, path, f"capped at {velocity:g} m/s and {acceleration:g} m/s^2")
 
 

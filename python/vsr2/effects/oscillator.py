@@ -168,7 +168,7 @@ def base_excited(
     return LazyPath(y, rate, second)
 
 
-def limited(path: Path, velocity: float, acceleration: float, step: float, *, loop: float) -> Path:
+def limited(path: Path, velocity: float, acceleration: float, step: float, loop: float) -> Path:
     """A table with limits that follows a path: clipped, integrated again, and brought back.
 
     Where the command is within the limits and the table is on it, it follows exactly. Beyond, its
