@@ -7,7 +7,7 @@ import math
 import numpy as np
 import pytest
 
-from vsr2.effects.oscillator import base_excited, limited, low_passed, respond
+from vsr2.effects.oscillator import base_excited, braked, limited, low_passed, respond
 from vsr2.motion.processing import Kinematics
 
 STEP = 1e-3
@@ -48,6 +48,20 @@ def test_a_stiff_table_follows() -> None:
     v = np.gradient(x, STEP)
     driven = base_excited(x, v, 15.0, 1e4, STEP)
     assert np.abs(driven.displacement - x).max() < 1e-6
+
+
+def test_a_table_that_still_moves_brakes_evenly() -> None:
+    """v^2 / (2 b) further on, and at rest after v / b."""
+    speed, brake = 0.02, 0.1
+    time = np.arange(100) * STEP
+    path = Kinematics(speed * time, np.full(100, speed), np.zeros(100))
+    found = braked(path, brake, STEP)
+    assert found.displacement.size == 100 + round(speed / brake / STEP)
+    way = found.displacement[-1] - path.displacement[-1]
+    assert way == pytest.approx(speed**2 / (2 * brake), rel=1e-9)
+    assert found.velocity[-1] == 0
+    assert np.abs(found.acceleration).max() == pytest.approx(brake)
+    assert braked(found, brake, STEP) is found
 
 
 def test_a_table_within_its_limits_is_left_alone() -> None:

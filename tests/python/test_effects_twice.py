@@ -136,6 +136,35 @@ def test_values_of_two_act_as_the_two(
     assert np.nanmax(np.abs(numbers(found) - numbers(acted(block, own, one)))) > 1e-4
 
 
+@pytest.mark.parametrize(
+    ("higher", "lower"),
+    [({"acceleration": 1.5}, {"acceleration": 1.0}), ({"velocity": 0.4}, {"velocity": 0.15})],
+)
+def test_the_table_comes_back_as_the_one_with_the_lower_cap(
+    higher: dict[str, float], lower: dict[str, float], block: Trial
+) -> None:
+    own = library()["table_saturation"]
+    lower = lower | {"return_frequency": 0.3}
+    first = own.complete(lower)
+    assert own.twice(first, own.complete(higher | {"return_frequency": 4.5})) == first
+    assert own.twice(own.complete(higher), first) == first
+    # What keeps to a cap is left as it is by the same cap and by a higher one.
+    once = acted(block, own, lower).motion
+    assert once != block.motion
+    assert acted(block, own, lower, lower).motion == once
+    assert acted(block, own, lower, higher).motion == once
+
+
+def test_two_tables_with_a_lower_cap_each_come_back_as_the_later() -> None:
+    own = library()["table_saturation"]
+    slow = own.complete({"velocity": 0.2, "return_frequency": 0.1})
+    fast = own.complete({"acceleration": 3.0, "return_frequency": 4.5})
+    assert own.twice(fast, slow) == own.twice(slow, fast)
+    assert own.twice(slow, fast) == {
+        "velocity": 0.2, "acceleration": 3.0, "return_frequency": 0.1
+    }  # fmt: skip
+
+
 def test_values_of_draws_add_by_their_squares() -> None:
     own = library()["placement"]
     found = own.twice({"yaw": 3.0, "offset": 0.0}, {"yaw": 4.0, "offset": 0.01})

@@ -4,18 +4,20 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, Self
 
 import numpy as np
 
 from vsr2.config.motion_source import Channel, Filter
+from vsr2.effects.driven import delayed, delayed_side, driven, half_passed, held_side
 from vsr2.effects.effect import Effect
 from vsr2.effects.oscillator import (
     Array,
     LazyPath,
     Path,
     base_excited,
+    braked,
     held,
     limited,
     low_passed,
@@ -25,8 +27,7 @@ from vsr2.effects.parameter import Parameter
 from vsr2.errors import ConfigError, MotionError
 from vsr2.motion import SideMotion, band_pass
 from vsr2.motion.processing import differentiate
-from vsr2.motion.resample import Resampled, resample
-from vsr2.motion.samples import Deferred
+from vsr2.motion.resample import resample
 from vsr2.motion.study_motions import RECORDED, Recorded
 from vsr2.trial import Trial
 
@@ -37,7 +38,9 @@ class ActuationConstants:
 
     Attributes:
         low_pass_damping: damping ratio of the actuator's low-pass: Butterworth's, of second order.
-        saturated_rest: in which a saturated table still comes back [s]; chosen by hand.
+        saturated_rest: after the motion of a saturated table, before it brakes [s].
+        braking: of a saturated table that has not come back by then [m/s^2]; both chosen by hand.
+        over_cap: a motion that exceeds a cap by this share keeps to it: capped ones do by rounding.
         filter_order: of the low-pass that smooths the input, Butterworth's; chosen by hand.
         smooth_rest: rest beside a motion that is smoothed, in periods of the corner.
         gain_rest: likewise beside one whose gain differs by frequency, of the lower corner.
@@ -45,84 +48,14 @@ class ActuationConstants:
 
     low_pass_damping: float = math.sqrt(0.5)
     saturated_rest: float = 2.0
+    braking: float = 0.1
+    over_cap: float = 1e-12
     filter_order: int = 3
     smooth_rest: float = 2.0
     gain_rest: float = 3.0
 
 
 ACTUATION = ActuationConstants()
-
-
-def _driven(
-    trial: Trial,
-    path: Path,
-    note: str,
-    beside: Callable[[SideMotion], SideMotion] = lambda side: side,
-) -> Trial:
-    """The trial under another path, all directions brought to rest at the last sample.
-
-    Args:
-        trial: to change.
-        path: along x, in place of the motion's.
-        note: what was done, for the motion's source.
-        beside: what is done to the motions beside x.
-    """
-    motion = trial.motion
-    sides = {name: beside(side) for name, side in motion.sides.items() if side is not None}
-    rates = path.velocity, *(side.velocity for side in sides.values())
-    moving = any(rate[-1] != 0 for rate in rates)
-    size = path.displacement.size + (moving or not _at_rest(path))
-    more = held(path, size - path.displacement.size)
-    displacement = more.displacement - more.displacement[0]
-    for samples in (displacement, more.velocity):
-        samples.setflags(write=False)  # Nobody else has them; a motion copies what can be written.
-    changed: dict[str, Any] = {name: _held(side, size) for name, side in sides.items()} | {
-        "displacement": displacement,
-        "velocity": more.velocity,
-        "acceleration": Deferred(lambda: more.acceleration),
-        "source": f"{motion.source}; {note}",
-        # From here on the record no longer tells the motion.
-        "recorded": None,
-    }
-    return trial.under(replace(motion, **changed))
-
-
-def _at_rest(path: Path) -> bool:
-    """Whether the acceleration is 0 at the last sample; what is resampled ends so."""
-    return isinstance(path, Resampled) or bool(path.acceleration[-1] == 0)
-
-
-def _held(side: SideMotion, size: int) -> SideMotion:
-    """The motion continued to `size` samples, at rest at its last displacement."""
-    more = (0, size - side.displacement.size)
-    return SideMotion(np.pad(side.displacement, more, mode="edge"), np.pad(side.velocity, more))
-
-
-def _late(signal: Array, count: int) -> Array:
-    """The signal after `count` samples of rest at 0."""
-    return np.pad(signal, (count, 0))
-
-
-def _late_side(side: SideMotion, count: int) -> SideMotion:
-    return SideMotion(_late(side.displacement, count), _late(side.velocity, count))
-
-
-def half_passed(one: float, other: float, power: int) -> float:
-    """Corner of a low-pass where two in a row pass half of what they would without a corner.
-
-    Each passes 1 / (1 + (f / corner)^power), of the amplitude or of the power.
-
-    Args:
-        one: corner [Hz]; infinite: none.
-        other: corner of the second [Hz].
-        power: of the frequency over the corner.
-    """
-    if math.isinf(one) or math.isinf(other):
-        return min(one, other)
-    # (1 + x) (1 + r x) = 2 with x = (f / one)^power, r = (one / other)^power.
-    ratio = (one / other) ** power
-    x = 2 / (1 + ratio + math.sqrt((1 + ratio) ** 2 + 4 * ratio))
-    return float(one * x ** (1 / power))
 
 
 class TimeScale(Effect):
@@ -155,7 +88,7 @@ class TimeScale(Effect):
             return SideMotion(slow.displacement, slow.velocity)
 
         path = resample(motion.displacement, step * factor, step, name=motion.name)
-        return _driven(trial, path, f"time times {factor:.12g}", beside)
+        return driven(trial, path, f"time times {factor:.12g}", beside)
 
 
 class InputChannel(Effect):
@@ -267,7 +200,7 @@ class InputChannel(Effect):
         path = LazyPath(x, rate, lambda: passed(motion.acceleration[None])[0])
         ends = f"below {corners[0][1]:g} Hz, {1 + high:.12g} above {corners[1][1]:g} Hz"
         note = f"gain {1 + low:.12g} {ends}"
-        return _driven(trial, path, note, lambda side: _held(_late_side(side, pad), x.size))
+        return driven(trial, path, note, lambda side: held_side(delayed_side(side, pad), x.size))
 
 
 def _below(signal: Array, corner: float, step: float) -> Array:
@@ -335,15 +268,15 @@ class InputFilter(Effect):
             return trial
         # Amid rest, so that the filter rings out on both sides.
         pad = math.ceil(ACTUATION.smooth_rest / corner / motion.time_step)
-        amid = np.pad(_late(motion.displacement, pad), (0, pad), mode="edge")
+        amid = np.pad(delayed(motion.displacement, pad), (0, pad), mode="edge")
         low_pass = Filter(low=0.0, high=corner, order=ACTUATION.filter_order)
         smooth = band_pass(amid, motion.time_step, low_pass)
         path = differentiate(smooth, motion.time_step)
 
         def beside(side: SideMotion) -> SideMotion:
-            return _held(_late_side(side, pad), amid.size)
+            return held_side(delayed_side(side, pad), amid.size)
 
-        return _driven(trial, path, f"low-pass {corner:g} Hz", beside)
+        return driven(trial, path, f"low-pass {corner:g} Hz", beside)
 
     def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
         slope = 2 * ACTUATION.filter_order
@@ -406,16 +339,16 @@ class TableBandwidth(Effect):
         late = round(values["delay"] / step)
         if math.isfinite(corner):
             rings = ringing_samples(corner, ACTUATION.low_pass_damping, step)
-            x = np.pad(_late(motion.displacement, late), (0, rings), mode="edge")
+            x = np.pad(delayed(motion.displacement, late), (0, rings), mode="edge")
             path = low_passed(x, corner, ACTUATION.low_pass_damping, step)
         else:
             path = LazyPath(
-                _late(motion.displacement, late),
-                _late(motion.velocity, late),
-                lambda: _late(motion.acceleration, late),
+                delayed(motion.displacement, late),
+                delayed(motion.velocity, late),
+                lambda: delayed(motion.acceleration, late),
             )
         note = f"low-pass {corner:g} Hz, {late} samples late"
-        return _driven(trial, path, note, lambda side: _late_side(side, late))
+        return driven(trial, path, note, lambda side: delayed_side(side, late))
 
     def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
         corner = half_passed(first["corner"], second["corner"], 4)
@@ -427,7 +360,7 @@ class TableSaturation(Effect):
 
     Where the command exceeds a cap the acceleration is clipped and integrated again. A critically
     damped loop, within the caps, brings the table back to its command: soon where its displacement
-    is controlled, late where its acceleration is. It stops two seconds after the motion.
+    is controlled, late where its acceleration is. Two seconds after the motion it brakes.
     """
 
     name = "table_saturation"
@@ -442,8 +375,8 @@ class TableSaturation(Effect):
             "greatest acceleration; none given: no cap", limits=(1e-2, 1e4), twice="least",
         ),
         Parameter(
-            "return_frequency", "Hz", 3.0, 0.03, 5.0, "loguniform", "of the loop that brings the "
-            "table back", limits=(0.01, 50.0), secondary=True, twice="least",
+            "return_frequency", "Hz", 3.0, 0.03, 5.0, "loguniform",
+            "of the loop that brings the table back", limits=(0.01, 50.0), secondary=True,
         ),
     )  # fmt: skip
     channels = ("motion", "tilt")
@@ -453,13 +386,32 @@ class TableSaturation(Effect):
     rank = 4
 
     def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        motion = trial.motion
+        motion, step = trial.motion, trial.motion.time_step
         velocity, acceleration = values["velocity"], values["acceleration"]
-        if motion.pgv <= velocity and motion.peak_acceleration <= acceleration:
+        most = 1 + ACTUATION.over_cap
+        if motion.pgv <= most * velocity and motion.peak_acceleration <= most * acceleration:
             return trial
-        path: Path = held(motion, round(ACTUATION.saturated_rest / motion.time_step))
-        path = limited(path, velocity, acceleration, motion.time_step, values["return_frequency"])
-        return _driven(trial, path, f"capped at {velocity:g} m/s and {acceleration:g} m/s^2")
+        path: Path = held(motion, round(ACTUATION.saturated_rest / step))
+        path = limited(path, velocity, acceleration, step, loop=values["return_frequency"])
+        path = braked(path, min(acceleration, ACTUATION.braking), step)
+        return driven(trial, path, f"capped at {velocity:g} m/s and {acceleration:g} m/s^2")
+
+    def _joined(self, first: Mapping[str, float], second: Mapping[str, float]) -> dict[str, float]:
+        """The lower caps, and the return of the table that they are of.
+
+        What keeps to the lower caps is left alone by others. Where each has a lower one, the table
+        comes back as late as the later.
+        """
+        caps = ("velocity", "acceleration")
+        lower = [
+            one
+            for one, other in ((first, second), (second, first))
+            if any(one[name] < other[name] for name in caps)
+        ] or [first]
+        frequency = min(one["return_frequency"] for one in lower)
+        return {name: min(first[name], second[name]) for name in caps} | {
+            "return_frequency": frequency
+        }
 
 
 class TableResonance(Effect):
@@ -497,4 +449,4 @@ class TableResonance(Effect):
         rings = 0, ringing_samples(frequency, ratio, step)
         x, rate = np.pad(motion.displacement, rings, mode="edge"), np.pad(motion.velocity, rings)
         path = base_excited(x, rate, frequency, ratio, step)
-        return _driven(trial, path, f"mode at {frequency:g} Hz, damping {ratio:.4g}")
+        return driven(trial, path, f"mode at {frequency:g} Hz, damping {ratio:.4g}")

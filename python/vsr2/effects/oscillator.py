@@ -168,7 +168,7 @@ def base_excited(
     return LazyPath(y, rate, second)
 
 
-def limited(path: Path, velocity: float, acceleration: float, step: float, loop: float) -> Path:
+def limited(path: Path, velocity: float, acceleration: float, step: float, *, loop: float) -> Path:
     """A table with limits that follows a path: clipped, integrated again, and brought back.
 
     Where the command is within the limits and the table is on it, it follows exactly. Beyond, its
@@ -196,3 +196,24 @@ def limited(path: Path, velocity: float, acceleration: float, step: float, loop:
         stiffness=omega**2, damping=2 * omega, time_step=step,
     )  # fmt: skip
     return Kinematics(x, v, a)
+
+
+def braked(path: Path, deceleration: float, step: float) -> Path:
+    """The path, brought to rest after its end.
+
+    Args:
+        path: its end may move.
+        deceleration: at which it is stopped, about [m/s^2]; what half a step of it stops is rest.
+        step: sampling interval [s].
+    """
+    speed = float(path.velocity[-1])
+    count = round(abs(speed) / (deceleration * step))
+    if not count:
+        return path
+    slowing = speed * (1 - np.arange(count + 1) / count)
+    way = np.cumsum((slowing[1:] + slowing[:-1]) / 2) * step
+    return Kinematics(
+        np.concatenate([path.displacement, path.displacement[-1] + way]),
+        np.concatenate([path.velocity, slowing[1:]]),
+        np.concatenate([path.acceleration, np.full(count, -speed / (count * step))]),
+    )

@@ -203,10 +203,8 @@ class SceneSimulator:
                 kept = (log.time >= 0) & np.isfinite(tilt)
                 if kept.any():
                     rng = np.random.default_rng([self._seed, *_numbers(requests[index])])
-                    recorded = self._trials[requests[index].trial].motion
-                    features[index] = _features(
-                        log, kept, tilt[kept], recorded, self._sampling, rng
-                    )
+                    nominal = self._trials[requests[index].trial].motion
+                    features[index] = _features(log, kept, tilt[kept], nominal, self._sampling, rng)
 
         trials = self._made(requests, asked, without)
         threads = None if self._client is not None else self._threads
@@ -385,14 +383,14 @@ def _features(
     log: TrialLog,
     rows: NDArray[np.bool_],
     tilt: Array,
-    recorded: Motion,
+    nominal: Motion,
     sampling: Sampling | None,
     rng: np.random.Generator,
 ) -> Array:
-    """Of one trial, whose travel is counted from where its record says that the table is."""
+    """Of one trial, whose travel is counted from where the nominal motion has the table."""
     last = np.flatnonzero(rows)[-SERIES.last :]
-    steps = np.rint(log.time[last] / recorded.time_step).astype(int)
-    table = recorded.displacement[np.minimum(steps, recorded.displacement.size - 1)]
+    steps = np.rint(log.time[last] / nominal.time_step).astype(int)
+    table = nominal.displacement[np.minimum(steps, nominal.displacement.size - 1)]
     rest = rest_features(tilt[-SERIES.last :], *log.from_rest(last), table)
     time = log.time[rows]
     if sampling is not None:

@@ -46,7 +46,9 @@ class ProgressLines:
         self._last, self._stage = now, stage
         best = ", ".join(f"{name} {p:.2f}" for name, p in progress.leading.items())
         left = ""
-        if not math.isnan(progress.left_s):
+        if progress.left_s <= 0:
+            left = ", past its budget"
+        elif not math.isnan(progress.left_s):
             left = f", {_duration(progress.left_s)} left"
         elif 0 < share < 1 and now > self._began:
             left = f", {_duration((now - self._began) * (1 - share) / share)} left of this"
