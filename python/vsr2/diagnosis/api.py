@@ -114,8 +114,8 @@ def _check_budget(budget: Budget, simulator: SceneSimulator, execution: Executio
         )
     if budget.simulator not in ("", simulator.identity):
         raise DiagnosisError(
-            "like: that diagnosis is of another scene, schedule of trials, tier, tolerance or seed; "
-            "ask as it did, or give a budget"
+            "like: that diagnosis is of another scene, schedule of trials, tier, tolerance or "
+            "seed; ask as it did, or give a budget"
         )
 
 
