@@ -62,7 +62,7 @@ def pack(tmp_path):
         ({"tiers": "BM"}, "tiers is 'BM'; it should be a list"),
         ({"classes": [["a"], ["a", "b"]]}, "classes is .* each name should stand once"),
         ({"tolerances": [0.1]}, "tolerances is .* a mapping"),
-        ({"tolerances": {"frictoin": 0.1}}, r"tolerances\.frictoin is 0\.1; it is no key here"),
+        ({"tolerances": {"frictoin": 0.1}}, r"tolerances\.frictoin is 0\.1; there is no such key; do you mean .friction."),
         ({"tolerances": {"friction": "5 %"}}, r"tolerances\.friction is '5 %'"),
         (
             {"tolerances": {"friction": -0.1}},
@@ -99,6 +99,30 @@ def pack(tmp_path):
         (
             {"priors": {"friction.fctor": {"distribution": "normal", "sd": 1}}},
             r"priors\..*no parameter 'fctor'; did you mean `factor`",
+        ),
+        ({"nuisanses": []}, r"nuisanses is \[\]; there is no such key; do you mean 'nuisances'"),
+        ({"priros": {}}, "priros is {}; .* do you mean 'priors'"),
+        (
+            {"campaigns": [{"id": "c", "exlude": ["wear"]}]},
+            r"campaigns\[0\]\.exlude is \['wear'\]; .* do you mean 'exclude'",
+        ),
+        (
+            {"classes": [["table_gian", "slenderness"]]},
+            "classes is .* no effect 'table_gian'; do you mean 'table_gain'",
+        ),
+        (
+            {
+                "nuisances": [
+                    {
+                        "effect": "table_saturation",
+                        "parameter": "return_frequency",
+                        "distribution": "loguniform",
+                        "low": 1,
+                        "high": 2,
+                    }
+                ]
+            },
+            "nuisances is .* return_frequency does nothing on its own; add a nuisance of another",
         ),
         ({"commitment": {}}, r"commitment\.sha256 is missing; give it"),
         ({"commitment": "abc"}, "commitment is 'abc'; it should be a mapping"),

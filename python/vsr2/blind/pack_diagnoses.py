@@ -382,8 +382,9 @@ def _older(out: Path, pack: Pack, how: Mapping[str, Any]) -> str:
         if effort and before < mine:
             older = f"{before:g}-{key}"
         elif before != mine:
+            option = ", which --no-how-far makes False" if key == "held_out" else ""
             raise BlindError(
-                f"{path}: was begun with {key} {shown(before)}, not {mine!r}; continue "
+                f"{path}: was begun with {key} {shown(before)}, not {mine!r}{option}; continue "
                 "with the same (campaigns and minutes may rise), or choose another folder"
             )
     return older

@@ -219,7 +219,7 @@ def diagnose(
             f"{out}: holds diagnoses of a pack; go on with --resume, or choose another --out"
         )
     with opt.cluster(effort.scheduler, effort.threads) as client:
-        report = None if quiet else ProgressLines()
+        report = None if quiet else ProgressLines("blind diagnose")
         progress = diagnose_pack(
             data,
             out,

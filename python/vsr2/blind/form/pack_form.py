@@ -27,6 +27,7 @@ from vsr2.ensemble import Hypotheses, Nuisance
 from vsr2.ensemble.simulated.library import NONE, UNKNOWN
 from vsr2.ensemble.simulated.nuisances import Distribution, distribution
 from vsr2.errors import ConfigError, DiagnosisError
+from vsr2.near_words import NEAR, near_words
 
 ANSWERS = (NONE, UNKNOWN)
 """Answers that no effect may be called."""
@@ -77,6 +78,11 @@ def _distinct(classes: tuple[tuple[str, ...], ...]) -> tuple[tuple[str, ...], ..
     names = [name for members in classes for name in members]
     if len(set(names)) < len(names) or set(names) & set(ANSWERS):
         raise ValueError("each name should stand once, none and unknown in no class")
+    known = library()
+    for name in names:
+        # Effects of another custodian may have names of their own.
+        if name not in known and (meant := near_words(name, known, alike=NEAR.slip)):
+            raise ValueError(f"there is no effect {name!r}; do you mean {meant[0]!r}?")
     return tuple(sorted(tuple(sorted(members)) for members in classes))
 
 
@@ -110,7 +116,17 @@ def _offered(priors: dict[str, Distribution]) -> dict[str, Distribution]:
     return priors
 
 
-Nuisances = tuple[Annotated[InstanceOf[Nuisance], _as(Nuisance.from_json)], ...]
+def _together(nuisances: tuple[Nuisance, ...]) -> tuple[Nuisance, ...]:
+    try:
+        Hypotheses(nuisances=nuisances)
+    except DiagnosisError as error:
+        raise ValueError(str(error)) from None
+    return nuisances
+
+
+Nuisances = Annotated[
+    tuple[Annotated[InstanceOf[Nuisance], _as(Nuisance.from_json)], ...], AfterValidator(_together)
+]
 Priors = Annotated[
     dict[str, Annotated[Any, _as(distribution)]],
     AfterValidator(_offered),

@@ -9,6 +9,7 @@ from pydantic import AfterValidator, BaseModel, ConfigDict, Field, ValidationErr
 
 from vsr2.config.problems import dotted, shown
 from vsr2.errors import BlindError
+from vsr2.near_words import NEAR, near_words
 
 
 def _rising(ends: tuple[float, float]) -> tuple[float, float]:
@@ -36,6 +37,8 @@ Digits = Annotated[str, Field(pattern=DIGITS)]
 class Part(BaseModel):
     """One mapping of a file. Numbers are finite, and a key whose value is null counts as missing.
 
+    Keys that are not known are passed over, but for those that look like one that is missing.
+
     Attributes:
         nullable: keys whose null is a value.
     """
@@ -48,7 +51,14 @@ class Part(BaseModel):
     def _without_null(cls, content: Any) -> Any:
         if not isinstance(content, Mapping):
             return content
-        return {k: v for k, v in content.items() if v is not None or k in cls.nullable}
+        given = {k: v for k, v in content.items() if v is not None or k in cls.nullable}
+        missing = [name for name in cls.model_fields if name not in given]
+        for key, value in given.items():
+            if key in cls.model_fields or not isinstance(key, str):
+                continue
+            if meant := near_words(key, missing, alike=NEAR.slip):
+                raise misfit(key, value, f"there is no such key; do you mean {meant[0]!r}?")
+        return given
 
 
 _WANTED = {

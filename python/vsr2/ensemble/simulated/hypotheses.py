@@ -58,8 +58,8 @@ class Hypotheses:
         most_effects: that may act together, 1 to 4. More need more simulated campaigns.
 
     Raises:
-        DiagnosisError: an unknown name in `exclude`, a number of effects outside its range, or a
-            prior that is none of a magnitude.
+        DiagnosisError: an unknown name in `exclude`, a number of effects outside its range, a
+            prior that is none of a magnitude, or a nuisance that does nothing on its own.
         ConfigError: an unknown effect or parameter in `priors`, or ends that it cannot have.
     """
 
@@ -77,6 +77,13 @@ class Hypotheses:
                 f"most_effects is {self.most_effects}; give a number from 1 to "
                 f"{HYPOTHESIS.most_effects}"
             )
+        moved = {one.acting.name for one in self.nuisances if not _secondary(one)}
+        for one in self.nuisances:
+            if one.acting.name not in moved:
+                raise DiagnosisError(
+                    f"nuisance {one.name!r}: {one.parameter} does nothing on its own; add a "
+                    f"nuisance of another parameter of {one.acting.name}, or leave it out"
+                )
 
     @property
     def ends(self) -> dict[str, list[float]]:
@@ -98,6 +105,10 @@ class Hypotheses:
                 f"exclude: there is no effect {unknown[0]!r}; {offer(unknown[0], list(out))}"
             )
         return out
+
+
+def _secondary(nuisance: Nuisance) -> bool:
+    return nuisance.acting.parameter(nuisance.parameter).secondary
 
 
 def _ends(
