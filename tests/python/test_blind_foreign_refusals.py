@@ -62,7 +62,10 @@ def pack(tmp_path):
         ({"tiers": "BM"}, "tiers is 'BM'; it should be a list"),
         ({"classes": [["a"], ["a", "b"]]}, "classes is .* each name should stand once"),
         ({"tolerances": [0.1]}, "tolerances is .* a mapping"),
-        ({"tolerances": {"frictoin": 0.1}}, r"tolerances\.frictoin is 0\.1; there is no such key; do you mean .friction."),
+        (
+            {"tolerances": {"frictoin": 0.1}},
+            r"tolerances\.frictoin is 0\.1; there is no such key; do you mean .friction.",
+        ),
         ({"tolerances": {"friction": "5 %"}}, r"tolerances\.friction is '5 %'"),
         (
             {"tolerances": {"friction": -0.1}},
