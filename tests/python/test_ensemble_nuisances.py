@@ -337,3 +337,13 @@ def test_a_filter_that_nobody_asked_for_is_said(shaken, tmp_path, caplog) -> Non
         driven, said = source(campaign, **motion)
         assert "no filter" in driven
         assert said == []
+
+
+def test_a_nuisance_that_does_nothing_on_its_own_is_refused() -> None:
+    """What the effect of a cause is multiplied by acts with the cause."""
+    azimuth = Nuisance("com_offset", "azimuth", Uniform(0.0, 360.0))
+    with pytest.raises(DiagnosisError, match="azimuth does nothing on its own; add a nuisance of"):
+        Hypotheses(nuisances=[azimuth])
+    assert Hypotheses(nuisances=[azimuth, Nuisance("com_offset", "distance", Normal(0.001))])
+    assert Hypotheses(nuisances=with_stated([azimuth]))
+    assert Hypotheses(nuisances=[replace(azimuth, relative=True)])

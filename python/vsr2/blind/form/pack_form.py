@@ -25,7 +25,7 @@ from vsr2.campaign.faults import id_fault
 from vsr2.effects import library
 from vsr2.ensemble import Hypotheses, Nuisance
 from vsr2.ensemble.simulated.library import NONE, UNKNOWN
-from vsr2.ensemble.simulated.nuisances import Distribution, distribution
+from vsr2.ensemble.simulated.nuisances import Distribution, distribution, with_stated
 from vsr2.errors import ConfigError, DiagnosisError
 from vsr2.near_words import NEAR, near_words
 
@@ -118,7 +118,7 @@ def _offered(priors: dict[str, Distribution]) -> dict[str, Distribution]:
 
 def _together(nuisances: tuple[Nuisance, ...]) -> tuple[Nuisance, ...]:
     try:
-        Hypotheses(nuisances=nuisances)
+        Hypotheses(nuisances=with_stated(nuisances))
     except DiagnosisError as error:
         raise ValueError(str(error)) from None
     return nuisances

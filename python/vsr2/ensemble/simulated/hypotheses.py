@@ -79,7 +79,7 @@ class Hypotheses:
             )
         moved = {one.acting.name for one in self.nuisances if not _secondary(one)}
         for one in self.nuisances:
-            if one.acting.name not in moved:
+            if one.acting.name not in moved and not one.relative:
                 raise DiagnosisError(
                     f"nuisance {one.name!r}: {one.parameter} does nothing on its own; add a "
                     f"nuisance of another parameter of {one.acting.name}, or leave it out"
