@@ -5,6 +5,7 @@ r"""The blind check of the diagnosis: makes, diagnoses and scores packs, in part
     python studies/blind_check.py validation --part 2          # beside one of another part
     python studies/blind_check.py validation --score           # diagnoses may not change then
     python studies/blind_check.py leave-one-out
+    python studies/blind_check.py other-engine              # most campaigns by MuJoCo
     python studies/blind_check.py validation --results docs/results/blind_validation_5 \
         --recompute out/scores5                                # all tables from what is committed
 
@@ -96,6 +97,21 @@ CHECKS = {
             signal_trials=32,
         ),
         8000,
+    ),
+    "other-engine": Check(
+        1,
+        PackSettings(
+            engines=ENGINES,
+            single=(12, 20),
+            none=(8, 16),
+            unknown=(4, 8),
+            pair=(0, 4),
+            reference=(0, 4),
+            hidden=5,
+            replicates=8,
+            signal_trials=32,
+        ),
+        4000,
     ),
     "leave-one-out": Check(
         1,
