@@ -159,6 +159,23 @@ def test_what_is_likely_in_each_fold_is_judged(found) -> None:
     assert "outside each of 4 folds: table_gain in 4" in causes_text(result)
 
 
+def test_folds_sum_to_the_campaign(campaign, found) -> None:
+    result, folder = found
+    with (folder / "folds.csv").open(newline="") as file:
+        rows = list(csv.DictReader(file))
+    overturned = campaign.overturned > 0
+    trials = np.array([int(row["trials"]) for row in rows])
+    assert trials.sum() == len(overturned)
+    assert sum(int(row["overturned"]) for row in rows) == overturned.sum()
+    for name in ("all", "likely"):
+        wrong = ((result.held_out[name] > 0.5) != overturned).sum()
+        assert sum(int(row[f"wrong_{name}"]) for row in rows) == wrong
+        loss = np.array([float(row[f"loss_{name}"]) for row in rows])
+        whole = result.content["held_out"][name]["loss"]["value"]
+        assert (loss * trials).sum() / trials.sum() == pytest.approx(whole, abs=1e-5)
+    assert all("table_gain" in row["likely_causes"].split() for row in rows)
+
+
 def test_a_campaign_without_a_gap_has_scores(campaign, found) -> None:
     """No simulation is predicted perfectly by others, and none worse than by a guess."""
     held_out = found[0].content["held_out"]
@@ -261,7 +278,7 @@ def test_threads_and_what_is_there_change_no_byte(campaign, found, tmp_path) -> 
         for volatile in ("created", "wall_time_s", "search_time_s", "threads", "simulated"):
             del content["provenance"][volatile]
     assert first == second
-    for name in ("causes.csv", "held_out.csv"):
+    for name in ("causes.csv", "held_out.csv", "folds.csv"):
         assert (folder / name).read_bytes() == (tmp_path / "again" / name).read_bytes()
 
 

@@ -62,11 +62,13 @@ Array = NDArray[np.float64]
 CAUSES_FILE = "causes.json"
 TABLE_FILE = "causes.csv"
 PROBABILITIES_FILE = "held_out.csv"
+FOLDS_FILE = "folds.csv"
 FIGURE = "causes.png"
 FILES = (
     CAUSES_FILE,
     TABLE_FILE,
     PROBABILITIES_FILE,
+    FOLDS_FILE,
     CORRECTED_FILE,
     f"{DRAWS_FOLDER}/{DRAWS}",
     FIGURE,
@@ -84,6 +86,7 @@ class Causes:
         held_out: probability of overturning, each motion judged by the others, by name of what may
             act: `none`, the causes that are judged together joined by "+", `all`, and `likely`,
             what acts with 0.5 or more by the other motions; shapes (trials,).
+        folds: rows of folds.csv: see docs/reference/outputs.md.
         corrected: the scene with its likely causes at their posterior mean; None: there is none, or
             no study states them.
         drawn: scenes with what acts in a draw of the posterior each.
@@ -92,6 +95,7 @@ class Causes:
     content: Mapping[str, Any]
     trials: tuple[str, ...]
     held_out: Mapping[str, Array]
+    folds: tuple[Mapping[str, Any], ...]
     corrected: Study | None
     drawn: tuple[Study, ...] = ()
 
@@ -125,7 +129,11 @@ class Causes:
         probabilities = [
             dict(zip(columns, row, strict=True)) for row in zip(*columns.values(), strict=True)
         ]
-        return {TABLE_FILE: csv_text(rows), PROBABILITIES_FILE: csv_text(probabilities)}
+        return {
+            TABLE_FILE: csv_text(rows),
+            PROBABILITIES_FILE: csv_text(probabilities),
+            FOLDS_FILE: csv_text(self.folds),
+        }
 
     def save(self, folder: str | PathLike[str]) -> list[Path]:
         """Write causes.json, the tables and corrected.yaml; an earlier scene is removed.
@@ -224,7 +232,9 @@ def find_causes(
     drawn = _drawn(study, model, posterior.particles, posterior_draws, rng)
     content["provenance"]["wall_time_s"] = watch.wall_s
     names = tuple(trial.trial for trial in used.trials)
-    result = Causes(content, names, _probabilities(judged), corrected, drawn)
+    result = Causes(
+        content, names, _probabilities(judged), judged.fold_rows(used.motion_ids), corrected, drawn
+    )
     if folder is not None:
         result.save(folder)
     return result

@@ -103,9 +103,10 @@ class InputChannel(Effect):
 
     `low_gain` multiplies what is slower than `low_corner` by 1 + low_gain, `high_gain` what is
     faster than `high_corner` by 1 + high_gain. The gain is 1 + low_gain L(f / low_corner) +
-    high_gain (1 - L(f / high_corner)) with L(r) = 1 / (1 + r^4), without delay. Gains act on any
-    motion, those of one record or none too. All of this comes before all else that is done to the
-    motion.
+    high_gain (1 - L(f / high_corner)) with L(r) = 1 / (1 + r^4), without delay. Gains act on
+    any motion, those of one record or none too. Where one record drives they are its instrument's;
+    where two are joined, the low one is mostly the transducer's and the high one the
+    accelerometer's. All of this comes before all else that is done to the motion.
     """
 
     name = "input_channel"

@@ -6,11 +6,12 @@ from collections.abc import Callable, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.analysis.probability import outcome_loss
+from vsr2.analysis.probability import RELIABILITY, outcome_loss
 from vsr2.analysis.shapley import mean_gain, shapley_share
 from vsr2.campaign.folds import grouped_folds
 from vsr2.causes.margins.acting_posterior import sample_posterior
@@ -141,6 +142,34 @@ class HeldOutCauses:
     def likely_loss(self) -> Array:
         """The same where those act that are likely by the other folds, shape (trials,)."""
         return outcome_loss(self.likely, self.overturned.astype(np.float64))
+
+    def fold_rows(self, motions: Sequence[str] | NDArray[np.str_]) -> tuple[dict[str, Any], ...]:
+        """One row a fold: its size, what is likely by the other folds, losses and wrong outcomes.
+
+        Args:
+            motions: of each trial.
+        """
+        named = np.asarray(motions)
+        judged = {
+            "all": (self.everything_loss(), self.everything),
+            "likely": (self.likely_loss(), self.likely),
+        }
+        rows = []
+        for k, causes in sorted(self.likely_in.items()):
+            own = self.fold == k
+            row = {
+                "fold": int(k),
+                "motions": len(set(named[own].tolist())),
+                "trials": int(own.sum()),
+                "overturned": int(self.overturned[own].sum()),
+                "likely_causes": " ".join(sorted(causes)),
+            }
+            for name, (loss, probability) in judged.items():
+                row[f"loss_{name}"] = round(float(loss[own].mean()), 6)
+                wrong = (probability[own] > RELIABILITY.threshold) != self.overturned[own]
+                row[f"wrong_{name}"] = int(wrong.sum())
+            rows.append(row)
+        return tuple(rows)
 
     def gains(self, cause: str) -> dict[str, Array]:
         """What a cause takes off each trial's loss, shapes (trials,).
