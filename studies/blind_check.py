@@ -111,7 +111,7 @@ CHECKS = {
             replicates=8,
             signal_trials=32,
         ),
-        4000,
+        2000,
     ),
     "leave-one-out": Check(
         1,

@@ -231,10 +231,8 @@ def find_causes(
     rng = np.random.default_rng([seed, MarginStream.CORRECTED])
     drawn = _drawn(study, model, posterior.particles, posterior_draws, rng)
     content["provenance"]["wall_time_s"] = watch.wall_s
-    names = tuple(trial.trial for trial in used.trials)
-    result = Causes(
-        content, names, _probabilities(judged), judged.fold_rows(used.motion_ids), corrected, drawn
-    )
+    names, folds = tuple(trial.trial for trial in used.trials), judged.fold_rows(used.motion_ids)
+    result = Causes(content, names, _probabilities(judged), folds, corrected, drawn)
     if folder is not None:
         result.save(folder)
     return result
