@@ -101,7 +101,18 @@ def pack(tmp_path):
         ),
         (
             {"priors": {"friction.fctor": {"distribution": "normal", "sd": 1}}},
-            r"priors\..*no parameter 'fctor'; did you mean `factor`",
+            r"priors\.friction\.fctor is .*no parameter 'fctor'; did you mean `factor`",
+        ),
+        *(
+            (
+                {"priors": {"friction.factor": prior}},
+                r"priors\.friction\.factor is .* from 1 to 1 has no width; widen it, or leave",
+            )
+            for prior in (
+                {"distribution": "normal", "mean": 1, "sd": 0},
+                {"distribution": "uniform", "low": 1, "high": 1},
+                {"distribution": "loguniform", "low": 1, "high": 1},
+            )
         ),
         ({"nuisanses": []}, r"nuisanses is \[\]; there is no such key; do you mean 'nuisances'"),
         ({"priros": {}}, "priros is {}; .* do you mean 'priors'"),

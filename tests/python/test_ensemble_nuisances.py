@@ -12,6 +12,7 @@ import pytest
 from diagnosis_samples import made_trials
 from planted import shaken_campaign
 from vsr2.campaign import MeasurementNoise
+from vsr2.cli.options import priors
 from vsr2.config import study_from_mapping
 from vsr2.effects import Effect, Parameter, library
 from vsr2.ensemble import (
@@ -34,7 +35,7 @@ from vsr2.ensemble.simulated.nuisances import (
 )
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import Request
-from vsr2.errors import DiagnosisError
+from vsr2.errors import ConfigError, DiagnosisError
 from vsr2.motion import Record
 
 BOX = {
@@ -313,6 +314,10 @@ def test_priors_are_distributions() -> None:
     assert ends["time_scale"] == ("uniform", -0.01, 0.02)
     with pytest.raises(DiagnosisError, match=r"prior of friction\.factor: .*give uniform"):
         _ = Hypotheses(priors={"friction.factor": LogNormal(0.1)}).offered
+    for text in ("1:1", "uniform:1:1", "loguniform:1:1", "normal:1:0"):
+        given = priors((f"friction.factor={text}",))
+        with pytest.raises(ConfigError, match=r"friction\.factor: .* from 1 to 1 has no width"):
+            _ = Hypotheses(priors=given).offered
 
 
 def test_a_filter_that_nobody_asked_for_is_said(shaken, tmp_path, caplog) -> None:
