@@ -117,6 +117,14 @@ def pack(tmp_path):
         ({"nuisanses": []}, r"nuisanses is \[\]; there is no such key; do you mean 'nuisances'"),
         ({"priros": {}}, "priros is {}; .* do you mean 'priors'"),
         (
+            {"nuisance": [], "nuisances": []},
+            r"nuisance is \[\]; there is no such key; do you mean 'nuisances'",
+        ),
+        (
+            {"campaigns": [{"id": "c", "exclude": ["wear"], "excludes": ["catch"]}]},
+            r"campaigns\[0\]\.excludes is .* do you mean 'exclude'",
+        ),
+        (
             {"campaigns": [{"id": "c", "exlude": ["wear"]}]},
             r"campaigns\[0\]\.exlude is \['wear'\]; .* do you mean 'exclude'",
         ),
