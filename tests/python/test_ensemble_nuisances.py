@@ -352,3 +352,21 @@ def test_a_nuisance_that_does_nothing_on_its_own_is_refused() -> None:
     assert Hypotheses(nuisances=[azimuth, Nuisance("com_offset", "distance", Normal(0.001))])
     assert Hypotheses(nuisances=with_stated([azimuth]))
     assert Hypotheses(nuisances=[replace(azimuth, relative=True)])
+    for scope in (Scope.TRIAL, Scope.MOTION):
+        with pytest.raises(DiagnosisError, match=f"another parameter .* with its scope, {scope}"):
+            Hypotheses(nuisances=with_stated([replace(azimuth, scope=scope)]))
+
+
+@pytest.mark.parametrize("scope", list(Scope))
+def test_a_secondary_parameter_joins_the_others_of_its_scope(scope, shaken, tmp_path) -> None:
+    angle = Nuisance("base_slope", "angle", Uniform(0.5, 1.0), scope=scope)
+    azimuth = Nuisance("base_slope", "azimuth", Uniform(10.0, 350.0), scope=scope)
+    own = simulator(shaken, tmp_path, [azimuth, angle])
+    made = made_trials(own, (), 1, 1, set(range(len(shaken))))
+    acting = [made[i].effects for i in range(len(shaken))]
+    assert all(len(effects) == 1 for effects in acting)
+    values = [tuple(dict(effects[0].values).values()) for effects in acting]
+    assert all(0.5 < one < 1.0 and 10.0 < other < 350.0 for one, other in values)
+    motions = {trial.motion for trial in shaken.trials}
+    distinct = {Scope.CAMPAIGN: 1, Scope.MOTION: len(motions), Scope.TRIAL: len(shaken)}
+    assert len(set(values)) == distinct[scope]
