@@ -65,6 +65,7 @@ def test_every_type_of_error_has_words() -> None:
         (Tolerances, {"input_gain": [1, 2, 3]}, "it should be a list of 2 at most"),
         (Pack, {"development": True, "scene": 3}, "scene is 3; it should be text"),
         (Listed, {"id": "c", "kind": 3}, "kind is 3; it should be 'reference'"),
+        (Listed, {"id": "c", "exclude": [], "excludes": ["x"]}, "excludes is .* mean 'exclude'"),
         (PackState, {"seed": "1a", "salt": "0" * 64}, "seed is '1a'; it should be digits"),
         (PackState, {"seed": "1", "salt": "0" * 63}, "salt is .*; it should be a SHA-256 hash"),
     ],
