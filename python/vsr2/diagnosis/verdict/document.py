@@ -134,7 +134,7 @@ class Diagnosis(OneLine):
         return path / FILE
 
 
-class Finished(NamedTuple):
+class FinishedDiagnosis(NamedTuple):
     """What a diagnosis in a folder was of, and how much it simulated.
 
     Attributes:
@@ -146,7 +146,7 @@ class Finished(NamedTuple):
     provenance: Mapping[str, Any]
 
 
-def finished_diagnosis(folder: Path) -> Finished:
+def finished_diagnosis(folder: Path) -> FinishedDiagnosis:
     """What the diagnosis in a folder says of itself.
 
     Raises:
@@ -175,7 +175,7 @@ def finished_diagnosis(folder: Path) -> Finished:
             f"{path}: is of an older VSR2, which did not note all that it looked at; diagnose "
             "again, which reuses the simulations"
         )
-    return Finished(tier, known)
+    return FinishedDiagnosis(tier, known)
 
 
 def finite(value: Any) -> Any:
