@@ -193,7 +193,7 @@ def diagnose_pack(
 
 
 def _at(report: Report | None, turn: Turn) -> Report | None:
-    """Who gets progress, told of which diagnosis it is."""
+    """What adds to progress of which diagnosis it is."""
     return None if report is None else lambda progress: report(replace(progress, turn=turn))
 
 
