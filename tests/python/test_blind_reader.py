@@ -10,10 +10,13 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
+from diagnosis_content import named_throughout
 from vsr2.blind.custodian.steps import PackState
+from vsr2.blind.form.diagnosis_form import _Diagnosis
 from vsr2.blind.form.pack_form import Listed, Pack
 from vsr2.blind.form.pack_settings import Tolerances
 from vsr2.blind.form.reader import _PATTERNS, _WANTED, Part, parsed
+from vsr2.diagnosis.verdict.document import finite
 from vsr2.errors import BlindError
 
 VALUES: tuple[Any, ...] = (
@@ -73,6 +76,11 @@ def test_every_type_of_error_has_words() -> None:
 def test_a_value_is_refused_in_own_words(kind: type[Part], content: Any, message: str) -> None:
     with pytest.raises(BlindError, match=f"file: .*{message}"):
         parsed(kind, content, "file")
+
+
+def test_no_key_of_a_diagnosis_looks_like_another() -> None:
+    found = parsed(_Diagnosis, finite(named_throughout("friction").content), "file")
+    assert found.effects[0].parameters
 
 
 def test_a_type_of_error_without_words_is_refused_in_own_words_too() -> None:
