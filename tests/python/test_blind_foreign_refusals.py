@@ -101,10 +101,15 @@ def pack(tmp_path):
         ),
         (
             {"priors": {"friction.fctor": {"distribution": "normal", "sd": 1}}},
-            r"priors\..*no parameter 'fctor'; did you mean `factor`",
+            r"priors\.friction\.fctor is .*no parameter 'fctor'; did you mean `factor`",
+        ),
+        (
+            {"priors": {"friction.factor": {"distribution": "normal", "mean": 1, "sd": 0}}},
+            r"priors\.friction\.factor is .* from 1 to 1 has no width; widen it, or leave it out",
         ),
         ({"nuisanses": []}, r"nuisanses is \[\]; there is no such key; do you mean 'nuisances'"),
         ({"priros": {}}, "priros is {}; .* do you mean 'priors'"),
+        ({"nuisance": [], "nuisances": []}, r"nuisance is \[\]; .* do you mean 'nuisances'"),
         (
             {"campaigns": [{"id": "c", "exlude": ["wear"]}]},
             r"campaigns\[0\]\.exlude is \['wear'\]; .* do you mean 'exclude'",

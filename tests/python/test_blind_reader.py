@@ -10,10 +10,13 @@ from typing import Any
 import pytest
 from pydantic import BaseModel, ValidationError
 
+from diagnosis_content import named_throughout
 from vsr2.blind.custodian.steps import PackState
+from vsr2.blind.form.diagnosis_form import _Diagnosis
 from vsr2.blind.form.pack_form import Listed, Pack
 from vsr2.blind.form.pack_settings import Tolerances
 from vsr2.blind.form.reader import _PATTERNS, _WANTED, Part, parsed
+from vsr2.diagnosis.verdict.document import finite
 from vsr2.errors import BlindError
 
 VALUES: tuple[Any, ...] = (
@@ -65,6 +68,7 @@ def test_every_type_of_error_has_words() -> None:
         (Tolerances, {"input_gain": [1, 2, 3]}, "it should be a list of 2 at most"),
         (Pack, {"development": True, "scene": 3}, "scene is 3; it should be text"),
         (Listed, {"id": "c", "kind": 3}, "kind is 3; it should be 'reference'"),
+        (Listed, {"id": "c", "exclude": [], "excludes": ["x"]}, "excludes is .* mean 'exclude'"),
         (PackState, {"seed": "1a", "salt": "0" * 64}, "seed is '1a'; it should be digits"),
         (PackState, {"seed": "1", "salt": "0" * 63}, "salt is .*; it should be a SHA-256 hash"),
     ],
@@ -72,6 +76,11 @@ def test_every_type_of_error_has_words() -> None:
 def test_a_value_is_refused_in_own_words(kind: type[Part], content: Any, message: str) -> None:
     with pytest.raises(BlindError, match=f"file: .*{message}"):
         parsed(kind, content, "file")
+
+
+def test_no_key_of_a_diagnosis_looks_like_another() -> None:
+    found = parsed(_Diagnosis, finite(named_throughout("friction").content), "file")
+    assert found.effects[0].parameters
 
 
 def test_a_type_of_error_without_words_is_refused_in_own_words_too() -> None:

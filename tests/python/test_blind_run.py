@@ -33,7 +33,8 @@ from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget
-from vsr2.ensemble import with_deviations
+from vsr2.ensemble import Execution, with_deviations
+from vsr2.ensemble.execution import Progress, Stage, Turn
 from vsr2.ensemble.simulated.cache import KEY
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.errors import BlindError, CampaignError
@@ -66,11 +67,15 @@ def small(quick, study, tmp_path, monkeypatch):
 
 
 def test_a_tier_hides_what_lies_beyond_it(small, tmp_path) -> None:
-    progress = diagnose_pack(small, tmp_path / "out", budget=Budget(campaigns=200), seed=7)
+    heard, budget = [], Budget(campaigns=200)
+    execution = Execution(report=heard.append)
+    progress = diagnose_pack(small, tmp_path / "out", budget=budget, execution=execution, seed=7)
     assert progress.done == 12
     assert progress.failed == ()
     excluded = {e["id"]: e["exclude"] for e in read_json(small / "pack.json")["campaigns"]}
-    for campaign, how in Stub.calls:
+    for number, (campaign, how) in enumerate(Stub.calls, 1):
+        how["execution"].report(Progress(Stage.LOOK, 0.5))
+        assert heard[-1].turn == Turn(number, 12, campaign.name, how["tier"])
         assert campaign.tier == how["tier"]
         assert list(how["hypotheses"].exclude) == excluded[campaign.name]
         assert (how["seed"], how["budget"].campaigns) == (7, 200)

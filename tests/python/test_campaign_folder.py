@@ -455,6 +455,37 @@ def test_campaigns_share_motions(tmp_path):
     assert problem(tmp_path / "two").startswith("../motions/pulse.npz: named in trials.csv, row 2")
 
 
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("name: two", "name: 12e345678", "row 2, key name: must be text; put it in quotes"),
+        ("block:", "12e345678:", "row 6: a key must be text; put it in quotes"),
+        ("name: two", "name: two\nid: 12e345678", "row 3, key id: is no key here"),
+        ("motions:", "motion:", "row 13, key motion: is no key here; did you mean `motions`?"),
+        ("../motions", "12e345", "row 13, key motions: must be text"),
+        ("campaign/1", "campaign/2", "row 1, key schema: is 'vsr2.campaign/2'"),
+        ("name: two", "name: [", "row 4: not valid YAML"),
+    ],
+)
+def test_one_wrong_key_is_one_problem(old, new, words, tmp_path):
+    save_campaign(campaign(name="two"), tmp_path / "two", motions="../motions")
+    file = tmp_path / "two" / "campaign.yaml"
+    file.write_text(file.read_text().replace(old, new, 1))
+    assert problem(tmp_path / "two").startswith(f"campaign.yaml: {words}")
+
+
+def test_motion_files_are_judged_beside_a_wrong_key(tmp_path):
+    for name, place in (("one", ""), ("two", "../motions")):
+        save_campaign(campaign(name=name), tmp_path / name, motions=place)
+        file = tmp_path / name / "campaign.yaml"
+        file.write_text(file.read_text().replace(f"name: {name}", "name: 7"))
+    (tmp_path / "one" / "motions" / "pulse.npz").write_bytes(b"")
+    (tmp_path / "motions" / "pulse.npz").write_bytes(b"")
+    for name, place in (("one", ""), ("two", "../")):
+        files = [one.file for one in check_campaign(tmp_path / name)]
+        assert files == ["campaign.yaml", f"{place}motions/pulse.npz"]
+
+
 @pytest.mark.parametrize("path", ["/tmp", "../../motions", "..", "motions", "../a/b"])
 def test_motions_of_several_campaigns_lie_beside_the_campaign(folder, path):
     file = folder / "campaign.yaml"

@@ -20,7 +20,7 @@ from vsr2.cli.main import app, main
 from vsr2.diagnosis import Budget
 from vsr2.diagnosis.budget import SCHEDULE
 from vsr2.ensemble import Hypotheses, ProtocolCache
-from vsr2.ensemble.execution import Progress, Stage
+from vsr2.ensemble.execution import Progress, Stage, Turn
 from vsr2.errors import BlindError, DiagnosisError
 from vsr2.report.messages.progress_lines import STAGES, ProgressLines
 
@@ -414,18 +414,23 @@ def test_blind_diagnose_hands_its_budget_on(
 def test_progress_of_a_diagnosis_has_the_time_left(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    clock = iter((100.0, 130.0, 131.0, 140.0))
+    clock = iter((100.0, 130.0, 131.0, 140.0, 140.1, 140.2))
     monkeypatch.setattr("time.monotonic", lambda: next(clock))
     say = ProgressLines()
     say(Progress(Stage.LOOK, 0.0))
     say(Progress(Stage.LOOK, 0.25))
     say(Progress(Stage.SIMULATION, 0.5, 300.0, {"wear": 0.6, "none": 0.1}))
     say(Progress(Stage.JUDGEMENT, 1.0))
+    say = ProgressLines("blind diagnose")
+    for number, name in ((2, "c1"), (3, "c2")):
+        say(Progress(Stage.LOOK, 0.0, turn=Turn(number, 12, name, "M")))
     lines = [line.rstrip() for line in capsys.readouterr().err.splitlines()]
     assert lines == [
         "vsr2 diagnose: trying effects   0%",
         "vsr2 diagnose: trying effects  25%, 90 s left of this",
         "vsr2 diagnose: simulating  50%, 5 min left; leading: wear 0.60, none 0.10",
         "vsr2 diagnose: judging 100%",
+        "vsr2 blind diagnose: c1 M (2 of 12): trying effects   0%",
+        "vsr2 blind diagnose: c2 M (3 of 12): trying effects   0%",
     ]
     assert set(STAGES) == set(Stage)

@@ -258,7 +258,15 @@ def test_another_campaign_is_diagnosed_like_the_first_without_simulating(
     assert "--campaign-trials: --like states it" in capsys.readouterr().err
     assert main([*line, "--overwrite", "--seed", "8"]) == 2
     assert "like: that diagnosis is of another scene" in capsys.readouterr().err
+    assert main([*line, "--overwrite", "--tier", "B"]) == 2
+    assert "--tier B: the diagnosis in" in capsys.readouterr().err
+    known = json.loads((folder / "one" / "diagnosis.json").read_text())
+    known["campaign"]["tier"] = "B"
+    (tmp_path / "diagnosis.json").write_text(json.dumps(known))
     line[line.index("--like") + 1] = str(tmp_path)
+    assert main([*line, "--overwrite"]) == 0
+    assert content(tmp_path / "like")["campaign"]["tier"] == "B"
+    (tmp_path / "diagnosis.json").unlink()
     assert main([*line, "--overwrite"]) == 2
     assert "holds no finished diagnosis (diagnosis.json); diagnose first" in capsys.readouterr().err
 

@@ -12,6 +12,7 @@ import pytest
 from diagnosis_samples import made_trials
 from planted import shaken_campaign
 from vsr2.campaign import MeasurementNoise
+from vsr2.cli.options import priors
 from vsr2.config import study_from_mapping
 from vsr2.effects import Effect, Parameter, library
 from vsr2.ensemble import (
@@ -34,7 +35,7 @@ from vsr2.ensemble.simulated.nuisances import (
 )
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import Request
-from vsr2.errors import DiagnosisError
+from vsr2.errors import ConfigError, DiagnosisError
 from vsr2.motion import Record
 
 BOX = {
@@ -313,6 +314,10 @@ def test_priors_are_distributions() -> None:
     assert ends["time_scale"] == ("uniform", -0.01, 0.02)
     with pytest.raises(DiagnosisError, match=r"prior of friction\.factor: .*give uniform"):
         _ = Hypotheses(priors={"friction.factor": LogNormal(0.1)}).offered
+    for text in ("1:1", "uniform:1:1", "loguniform:1:1", "normal:1:0"):
+        given = priors((f"friction.factor={text}",))
+        with pytest.raises(ConfigError, match=r"friction\.factor: .* from 1 to 1 has no width"):
+            _ = Hypotheses(priors=given).offered
 
 
 def test_a_filter_that_nobody_asked_for_is_said(shaken, tmp_path, caplog) -> None:
@@ -347,3 +352,21 @@ def test_a_nuisance_that_does_nothing_on_its_own_is_refused() -> None:
     assert Hypotheses(nuisances=[azimuth, Nuisance("com_offset", "distance", Normal(0.001))])
     assert Hypotheses(nuisances=with_stated([azimuth]))
     assert Hypotheses(nuisances=[replace(azimuth, relative=True)])
+    for scope in (Scope.TRIAL, Scope.MOTION):
+        with pytest.raises(DiagnosisError, match=f"another parameter .* with its scope, {scope}"):
+            Hypotheses(nuisances=with_stated([replace(azimuth, scope=scope)]))
+
+
+@pytest.mark.parametrize("scope", list(Scope))
+def test_a_secondary_parameter_joins_the_others_of_its_scope(scope, shaken, tmp_path) -> None:
+    angle = Nuisance("base_slope", "angle", Uniform(0.5, 1.0), scope=scope)
+    azimuth = Nuisance("base_slope", "azimuth", Uniform(10.0, 350.0), scope=scope)
+    own = simulator(shaken, tmp_path, [azimuth, angle])
+    made = made_trials(own, (), 1, 1, set(range(len(shaken))))
+    acting = [made[i].effects for i in range(len(shaken))]
+    assert all(len(effects) == 1 for effects in acting)
+    values = [tuple(dict(effects[0].values).values()) for effects in acting]
+    assert all(0.5 < one < 1.0 and 10.0 < other < 350.0 for one, other in values)
+    motions = {trial.motion for trial in shaken.trials}
+    distinct = {Scope.CAMPAIGN: 1, Scope.MOTION: len(motions), Scope.TRIAL: len(shaken)}
+    assert len(set(values)) == distinct[scope]

@@ -36,6 +36,7 @@ from vsr2.config.seeds import checked_seed
 from vsr2.diagnosis import Budget, Diagnosis
 from vsr2.effects import check_study_effects, library
 from vsr2.ensemble import Execution, Hypotheses, Nuisance, ProtocolCache, with_deviations
+from vsr2.ensemble.execution import Report, Turn
 from vsr2.ensemble.observed.observations import observe_campaign, same_trials, series_sampling
 from vsr2.ensemble.simulated.nuisances import with_stated
 from vsr2.errors import BlindError, Vsr2Error
@@ -171,9 +172,10 @@ def diagnose_pack(
     references = _references(data, pack)
     failed = []
     # What cannot be used is said first.
-    for tier, name in sorted(due, key=lambda pair: pair not in unfit):
+    for number, (tier, name) in enumerate(sorted(due, key=lambda pair: pair not in unfit), 1):
+        turn = Turn(number, len(due), name, tier)
 
-        def diagnosed(name: str = name, tier: Tier = tier) -> Diagnosis:
+        def diagnosed(name: str = name, tier: Tier = tier, turn: Turn = turn) -> Diagnosis:
             campaign = load_campaign(data / name)
             # Without series too, simulate them as this campaign measured them.
             sampled = replace(cache, sampling=series_sampling(campaign))
@@ -181,13 +183,18 @@ def diagnose_pack(
             return diagnose(
                 at_tier(campaign, tier), scene, tier=tier, budget=budget, seed=seed,
                 hypotheses=replace(hypotheses[name], references=known),
-                execution=replace(execution, cache=sampled),
+                execution=replace(execution, cache=sampled, report=_at(execution.report, turn)),
             )  # fmt: skip
 
         verdict = _save(diagnosed, out / name / tier, unfit.get((tier, name)))
         failed += [f"{name} {tier}"] if verdict.failed else []
         say(_event(name, tier, verdict))
     return PackOutcome(len(asked) - len(failed), tuple(failed))
+
+
+def _at(report: Report | None, turn: Turn) -> Report | None:
+    """What adds to progress of which diagnosis it is."""
+    return None if report is None else lambda progress: report(replace(progress, turn=turn))
 
 
 def _event(campaign: str, tier: Tier, verdict: ReportedVerdict) -> Statement:

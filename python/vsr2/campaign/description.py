@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import json
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields
 from pathlib import Path, PurePosixPath
 from typing import Annotated, Any, Literal
@@ -149,19 +149,33 @@ class Description:
     motions: str = ""
 
 
-def read_description(folder: Path, problems: Problems) -> Description | None:
-    """Read `campaign.yaml`; None where `problems` got one."""
+def read_description(folder: Path, problems: Problems) -> tuple[Description | None, str | None]:
+    """Read `campaign.yaml`.
+
+    Returns:
+        The description, None where `problems` got one; and the folder of its motion files, "" for
+        the campaign's own, None where that is not known.
+    """
     try:
         document = read_yaml(folder / FILE)
     except ConfigError as error:
         problems.add(FILE, error.message, row=error.line)
-        return None
+        return None, None
     found: list[Problem] = []
     description = _description(dict(document.data), folder, found)
     for problem in found:
         line = nearest_above(document.lines, problem.path)
         problems.add(FILE, problem.what, row=line, column=dotted(problem.path)[:100])
-    return None if found else description
+    return None if found else description, _motions(document.data.get("motions"), found)
+
+
+def _motions(stated: object, problems: Sequence[Problem]) -> str | None:
+    """Folder of motion files, "" for the campaign's own; None where wrong keys hide it."""
+    wrong = {problem.path[0] for problem in problems}
+    if isinstance(stated, str):
+        return None if wrong & {"schema", "motions"} else stated
+    # A key that is not known may be a misspelt `motions`.
+    return "" if wrong <= _Content.model_fields.keys() - {"motions"} else None
 
 
 def _description(data: dict[str, Any], folder: Path, problems: list[Problem]) -> Description | None:

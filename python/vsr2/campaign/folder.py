@@ -105,13 +105,12 @@ def _read(folder: Path, problems: Problems) -> Campaign | None:
         )
         return None
     # The table is read even where the description is broken, so that one check tells all.
-    description = read_description(folder, problems)
+    description, motions_folder = read_description(folder, problems)
     trials = read_trials(folder, description, problems)
     arrays = ArrayFiles(folder, problems)
     motions: dict[str, Record] = {}
-    motions_folder = MOTIONS if description is None else description.motions or MOTIONS
-    for file, row in trials.motion_files.items():
-        record = arrays.motion(file, row, motions_folder)
+    for file, row in trials.motion_files.items() if motions_folder is not None else ():
+        record = arrays.motion(file, row, motions_folder or MOTIONS)
         if record is not None:
             motions[file] = record
     series = {trial: arrays.series(trial) for trial in trials.ids}

@@ -27,7 +27,7 @@ class QuestionOptions:
     """What may be the cause, and what it is judged by.
 
     Attributes:
-        tier: information to use (default: all there is)
+        tier: information to use (default: all there is, or that of --like)
         reference: folder of a campaign of the same trials that is known to have no effect (may be
             repeated)
         most_effects: so many effects may act together, 1 to 4; more need more simulated campaigns
@@ -131,11 +131,11 @@ def diagnose(
         return _check(campaign, scene, out, question, effort)
     check_draws(effort.posterior_draws)
     measured, study = load_campaign(campaign).on_file(), opt.scene(scene, effort.set)
-    budget, hypotheses = _budget(effort), _hypotheses(question)
+    (budget, tier), hypotheses = _budget(effort, question.tier), _hypotheses(question)
     opt.work_folder(out, WORK_FILES, "a diagnosis", effort)
     with opt.cluster(effort.scheduler, effort.threads) as client:
         asked = Asked(
-            tier=question.tier,
+            tier=tier,
             budget=budget,
             hypotheses=hypotheses,
             execution=opt.execution(effort, client, "diagnose"),
@@ -178,15 +178,25 @@ def _refuse_without_use(effort: Effort) -> None:
         raise ConfigError("--most-rounds: only for rounds; add --iterate, or leave it out")
 
 
-def _budget(effort: Effort) -> Budget:
+def _budget(effort: Effort, tier: Tier | None) -> tuple[Budget, Tier | None]:
+    """The budget, and the tier that goes with it.
+
+    Raises:
+        ConfigError: --like is of another tier than is asked for.
+    """
     from vsr2.diagnosis import Budget
-    from vsr2.diagnosis.verdict.document import finished_provenance
+    from vsr2.diagnosis.verdict.document import finished_diagnosis
 
     held_out, waterfall = not effort.no_how_far, effort.waterfall
     if effort.like is not None:
-        known = finished_provenance(effort.like)
-        return Budget.repeating(known, held_out=held_out, waterfall=waterfall)
-    return Budget(
+        its_tier, known = finished_diagnosis(effort.like)
+        if tier not in (None, its_tier):
+            raise ConfigError(
+                f"--tier {tier}: the diagnosis in {effort.like} (--like) is of tier {its_tier}; "
+                "leave --tier out, or give a budget in place of --like"
+            )
+        return Budget.repeating(known, held_out=held_out, waterfall=waterfall), its_tier
+    budget = Budget(
         effort.budget_minutes,
         effort.simulations,
         effort.campaigns,
@@ -195,6 +205,7 @@ def _budget(effort: Effort) -> Budget:
         waterfall=waterfall,
         cpu_minutes=effort.budget_cpu_minutes,
     )
+    return budget, tier
 
 
 def _hypotheses(question: QuestionOptions) -> Hypotheses:

@@ -26,7 +26,7 @@ from vsr2.diagnosis.verdict.document import (
     CHECK_FILE,
     CHECK_TABLES,
     FILE,
-    finished_provenance,
+    finished_diagnosis,
     finite,
 )
 from vsr2.ensemble.execution import EXECUTION, Execution, Progress, Report, Stage
@@ -186,7 +186,7 @@ def check_posterior(
         scene: as given there.
         out: folder of the finished diagnosis; the result is written there.
         planted: number of campaigns.
-        tier: as given there.
+        tier: of the diagnosis; None: as it says.
         hypotheses: as given there.
         execution: threads or cluster, cache, progress.
 
@@ -197,10 +197,10 @@ def check_posterior(
     """
     if planted < 1:
         raise DiagnosisError(f"check is {planted}; plant at least 1 campaign, better 200")
-    known = finished_provenance(Path(out))
+    its_tier, known = finished_diagnosis(Path(out))
     given = (campaign if isinstance(campaign, Campaign) else load_campaign(campaign)).on_file()
     study = scene if isinstance(scene, Study) else load_study(scene)
-    seen = observe_campaign(given, tier)
+    seen = observe_campaign(given, tier or its_tier)
     simulator = scene_simulator(seen, study, hypotheses, execution, known["seed"])
     if simulator.identity != known["simulator"]:
         raise DiagnosisError(

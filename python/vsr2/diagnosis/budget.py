@@ -124,7 +124,7 @@ class Budget:
         With its simulations and its posterior in one cache, each takes seconds.
 
         Args:
-            provenance: of the diagnosis, as `finished_provenance` reads it.
+            provenance: of the diagnosis, as `finished_diagnosis` reads it.
             options: `held_out` and `waterfall`.
         """
         looked, spent = provenance["look"], provenance["budget"]

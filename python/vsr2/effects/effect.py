@@ -236,7 +236,8 @@ class Effect:
         A fixed parameter gets a uniform prior, where no shape is given.
 
         Raises:
-            ConfigError: there is no such parameter, or it cannot be simulated that far.
+            ConfigError: there is no such parameter, it cannot be simulated that far, or the prior
+                has no width.
         """
         old = self.parameter(name)
         low, high = old.limits or (old.lower, old.upper)
@@ -244,6 +245,11 @@ class Effect:
             raise ConfigError(
                 f"a prior from {lower:g} to {upper:g}; it can be simulated from {low:g} to "
                 f"{high:g}",
+                key=f"effects.{self.name}.{name}",
+            )
+        if lower == upper:
+            raise ConfigError(
+                f"a prior from {lower:g} to {upper:g} has no width; widen it, or leave it out",
                 key=f"effects.{self.name}.{name}",
             )
         try:

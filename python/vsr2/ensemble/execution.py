@@ -6,12 +6,12 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from vsr2.argument_names import checked_names
-from vsr2.campaign import Campaign
+from vsr2.campaign import Campaign, Tier
 from vsr2.config import Study
 from vsr2.ensemble.observed.features import Sampling
 from vsr2.ensemble.protocol_cache import SIMULATIONS, ProtocolCache
@@ -36,6 +36,22 @@ class Stage(StrEnum):
     PLANTED = "planted"
 
 
+class Turn(NamedTuple):
+    """Which of several diagnoses is under way.
+
+    Attributes:
+        number: from 1.
+        of: as many in all.
+        campaign: its id.
+        tier: information that it uses.
+    """
+
+    number: int
+    of: int
+    campaign: str
+    tier: Tier
+
+
 @dataclass(frozen=True)
 class Progress:
     """How far the work on a campaign is.
@@ -45,12 +61,14 @@ class Progress:
         share: done of that.
         left_s: time left to its end; NaN: not known [s].
         leading: probabilities of what leads, so far.
+        turn: of a diagnosis among several; None: it is alone.
     """
 
     stage: Stage
     share: float
     left_s: float = np.nan
     leading: Mapping[str, float] = field(default_factory=dict)
+    turn: Turn | None = None
 
 
 Report = Callable[[Progress], None]

@@ -57,13 +57,14 @@ def _or_null(value: object) -> object:
 
 
 class ReportedEstimate(Part):
-    """A number with its 90 % interval, where one is given."""
+    """A number with its 90 % interval, where one is given; its median may stand beside it."""
 
     model_config = ConfigDict(allow_inf_nan=True)
     nullable = frozenset({"mean"})
 
     mean: Annotated[float, BeforeValidator(_or_infinite), PlainSerializer(_or_null)]
     ci90: Annotated[Ends | None, BeforeValidator(_or_infinite), PlainSerializer(_or_null)] = None
+    median: Any = None
 
 
 class ReportedLocation(Part):

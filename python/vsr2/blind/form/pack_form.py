@@ -25,7 +25,7 @@ from vsr2.campaign.faults import id_fault
 from vsr2.effects import library
 from vsr2.ensemble import Hypotheses, Nuisance
 from vsr2.ensemble.simulated.library import NONE, UNKNOWN
-from vsr2.ensemble.simulated.nuisances import Distribution, distribution, with_stated
+from vsr2.ensemble.simulated.nuisances import Distribution, distribution, stated, with_stated
 from vsr2.errors import ConfigError, DiagnosisError
 from vsr2.near_words import NEAR, near_words
 
@@ -109,10 +109,11 @@ def _as(read: Callable[[Mapping[str, Any]], object]) -> BeforeValidator:
 
 
 def _offered(priors: dict[str, Distribution]) -> dict[str, Distribution]:
-    try:
-        _ = Hypotheses(priors=priors).offered
-    except (DiagnosisError, ConfigError) as error:
-        raise ValueError(str(error)) from None
+    for key, prior in priors.items():
+        try:
+            _ = Hypotheses(priors={key: prior}).offered
+        except (DiagnosisError, ConfigError) as error:
+            raise misfit(key, stated(prior), error.message) from None
     return priors
 
 

@@ -37,7 +37,7 @@ Digits = Annotated[str, Field(pattern=DIGITS)]
 class Part(BaseModel):
     """One mapping of a file. Numbers are finite, and a key whose value is null counts as missing.
 
-    Keys that are not known are passed over, but for those that look like one that is missing.
+    Keys that are not known are passed over, but for those that look like a known one.
 
     Attributes:
         nullable: keys whose null is a value.
@@ -52,11 +52,10 @@ class Part(BaseModel):
         if not isinstance(content, Mapping):
             return content
         given = {k: v for k, v in content.items() if v is not None or k in cls.nullable}
-        missing = [name for name in cls.model_fields if name not in given]
         for key, value in given.items():
             if key in cls.model_fields or not isinstance(key, str):
                 continue
-            if meant := near_words(key, missing, alike=NEAR.slip):
+            if meant := near_words(key, cls.model_fields, alike=NEAR.slip):
                 raise misfit(key, value, f"there is no such key; do you mean {meant[0]!r}?")
         return given
 

@@ -7,11 +7,12 @@ import math
 from collections.abc import Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, get_args
+from typing import TYPE_CHECKING, Any, Literal, NamedTuple, get_args
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.codes import TIERS, Tier
 from vsr2.errors import DiagnosisError, ResultError
 from vsr2.one_line import OneLine
 from vsr2.results.atomic import csv_text, write_text
@@ -133,8 +134,20 @@ class Diagnosis(OneLine):
         return path / FILE
 
 
-def finished_provenance(folder: Path) -> Mapping[str, Any]:
-    """Provenance of the diagnosis in a folder: what it was of, and how much it simulated.
+class FinishedDiagnosis(NamedTuple):
+    """What a diagnosis in a folder was of, and how much it simulated.
+
+    Attributes:
+        tier: that it used.
+        provenance: of `diagnosis.json`.
+    """
+
+    tier: Tier
+    provenance: Mapping[str, Any]
+
+
+def finished_diagnosis(folder: Path) -> FinishedDiagnosis:
+    """What the diagnosis in a folder says of itself.
 
     Raises:
         DiagnosisError: the folder holds none that is finished, or one of an older VSR2.
@@ -144,7 +157,8 @@ def finished_provenance(folder: Path) -> Mapping[str, Any]:
     if not path.is_file():
         raise DiagnosisError(f"{folder}: holds no finished diagnosis ({FILE}); diagnose first")
     try:
-        known = json.loads(path.read_text(encoding="utf-8"))["provenance"]
+        content = json.loads(path.read_text(encoding="utf-8"))
+        tier, known = content["campaign"]["tier"], content["provenance"]
         budget, looked = known["budget"], known.get("look", {})
         numbers = (known["seed"], budget["campaigns"], budget.get("trials", 0), *looked.values())
         if not all(type(one) is int for one in numbers):
@@ -152,6 +166,8 @@ def finished_provenance(folder: Path) -> Mapping[str, Any]:
         text = (known["simulator"], *known["excluded"])
         if not all(isinstance(one, str) for one in text):
             raise ValueError("texts of the provenance")
+        if tier not in TIERS:
+            raise ValueError("tier of the campaign")
     except (OSError, ValueError, KeyError, TypeError, AttributeError) as error:
         raise ResultError(f"{path}: damaged ({error}); diagnose again") from error
     if set(looked) != {"among", "trials", "plain"} or "trials" not in budget:
@@ -159,7 +175,7 @@ def finished_provenance(folder: Path) -> Mapping[str, Any]:
             f"{path}: is of an older VSR2, which did not note all that it looked at; diagnose "
             "again, which reuses the simulations"
         )
-    return dict(known)
+    return FinishedDiagnosis(tier, known)
 
 
 def finite(value: Any) -> Any:

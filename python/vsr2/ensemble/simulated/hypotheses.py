@@ -77,12 +77,14 @@ class Hypotheses:
                 f"most_effects is {self.most_effects}; give a number from 1 to "
                 f"{HYPOTHESIS.most_effects}"
             )
-        moved = {one.acting.name for one in self.nuisances if not _secondary(one)}
+        moved = {(n.acting.name, n.drawn_for) for n in self.nuisances if not n.secondary}
         for one in self.nuisances:
-            if one.acting.name not in moved and not one.relative:
+            name, scope = one.acting.name, one.drawn_for
+            if one.secondary and (name, scope) not in moved:
                 raise DiagnosisError(
                     f"nuisance {one.name!r}: {one.parameter} does nothing on its own; add a "
-                    f"nuisance of another parameter of {one.acting.name}, or leave it out"
+                    f"nuisance of another parameter of {name} with its scope, {scope}, or leave it "
+                    "out"
                 )
 
     @property
@@ -105,10 +107,6 @@ class Hypotheses:
                 f"exclude: there is no effect {unknown[0]!r}; {offer(unknown[0], list(out))}"
             )
         return out
-
-
-def _secondary(nuisance: Nuisance) -> bool:
-    return nuisance.acting.parameter(nuisance.parameter).secondary
 
 
 def _ends(

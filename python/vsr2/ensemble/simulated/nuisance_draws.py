@@ -169,14 +169,26 @@ class NuisanceDraws:
     def _by_trial(
         self, scope: Scope, numbers: Mapping[int, tuple[int, int, int, int]]
     ) -> Iterator[SeededEffect]:
-        """Nuisances of a scope, each trial's drawn by its numbers."""
+        """Nuisances of a scope, each trial's drawn by its numbers; secondary ones join the others.
+
+        Args:
+            scope: of motions or of trials.
+            numbers: by trial.
+        """
         own = self._own[scope]
         values, seeds = [ByTrial() for _ in own], [dict[int, int]() for _ in own]
         for i, counter in numbers.items() if own else ():
             rng = np.random.Generator(np.random.Philox(key=self._seed, counter=counter))
             draws = correlated(own, rng.standard_normal(len(own)))
-            for k, (one, z) in enumerate(zip(own, draws.tolist(), strict=True)):
-                values[k][i] = one.acting.complete(one.values(z))
+            drawn = [one.values(z) for one, z in zip(own, draws.tolist(), strict=True)]
+            joining: dict[str, dict[str, float]] = {}
+            for one, value in zip(own, drawn, strict=True):
+                if one.secondary:
+                    joining.setdefault(one.acting.name, {}).update(value)
+            for k, one in enumerate(own):
+                complete = drawn[k] | joining.get(one.acting.name, {})
+                values[k][i] = one.acting.complete(complete)
                 seeds[k][i] = int(rng.integers(2**63))
         for one, by_trial, seed in zip(own, values, seeds, strict=True):
-            yield SeededEffect(one.acting, by_trial, seed)
+            if not one.secondary:
+                yield SeededEffect(one.acting, by_trial, seed)

@@ -333,6 +333,16 @@ class Nuisance:
         """Of the nuisance."""
         return self.label or self.acting.name
 
+    @property
+    def secondary(self) -> bool:
+        """Whether it acts only beside another parameter of its effect."""
+        return not self.relative and self.acting.parameter(self.parameter).secondary
+
+    @property
+    def drawn_for(self) -> Scope:
+        """Its scope; what an effect draws itself acts with what is drawn for a campaign."""
+        return Scope.CAMPAIGN if isinstance(self.prior, DrawnByEffect) else self.scope
+
     def values(self, z: float) -> dict[str, float]:
         """Of the effect's parameters at a standard normal draw, those not concerned left out."""
         value = self.prior.value(z)

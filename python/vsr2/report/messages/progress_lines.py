@@ -7,7 +7,7 @@ import sys
 import time
 from collections.abc import Mapping
 
-from vsr2.ensemble.execution import Progress, Stage
+from vsr2.ensemble.execution import Progress, Stage, Turn
 from vsr2.report.messages.templates import check_worded
 
 STAGES: Mapping[Stage, str] = {
@@ -33,12 +33,13 @@ class ProgressLines:
     def __init__(self, verb: str = "diagnose") -> None:
         self._verb = verb
         self._last = 0.0
-        self._stage = ""
+        self._stage: tuple[Turn | None, Stage] | None = None
         self._began = 0.0
 
     def __call__(self, progress: Progress) -> None:
         """Write a line, if it is time for one."""
-        now, stage, share = time.monotonic(), STAGES[progress.stage], progress.share
+        now, share, turn = time.monotonic(), progress.share, progress.turn
+        stage = (turn, progress.stage)
         if stage == self._stage and now - self._last < 0.5 and share < 1:
             return
         if stage != self._stage:
@@ -53,7 +54,8 @@ class ProgressLines:
         elif 0 < share < 1 and now > self._began:
             left = f", {_duration((now - self._began) * (1 - share) / share)} left of this"
         leading = f"; leading: {best}" if best else ""
-        line = f"vsr2 {self._verb}: {stage} {share:4.0%}{left}{leading}"
+        which = f"{turn.campaign} {turn.tier} ({turn.number} of {turn.of}): " if turn else ""
+        line = f"vsr2 {self._verb}: {which}{STAGES[progress.stage]} {share:4.0%}{left}{leading}"
         end = "\n" if share >= 1 or not sys.stderr.isatty() else "\r"
         print(f"{line:<100}", end=end, file=sys.stderr, flush=True)
 
