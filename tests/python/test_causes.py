@@ -171,8 +171,8 @@ def test_folds_sum_to_the_campaign(campaign, found) -> None:
         wrong = ((result.held_out[name] > 0.5) != overturned).sum()
         assert sum(int(row[f"wrong_{name}"]) for row in rows) == wrong
         loss = np.array([float(row[f"loss_{name}"]) for row in rows])
-        whole = result.content["held_out"][name]["loss"]["value"]
-        assert (loss * trials).sum() / trials.sum() == pytest.approx(whole, abs=1e-5)
+        mean = result.content["held_out"][name]["loss"]["value"]
+        assert (loss * trials).sum() / trials.sum() == pytest.approx(mean, abs=1e-5)
     assert all("table_gain" in row["likely_causes"].split() for row in rows)
 
 
