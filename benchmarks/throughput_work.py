@@ -20,7 +20,9 @@ Works:
 from __future__ import annotations
 
 import argparse
+import contextlib
 import csv
+import importlib
 import json
 import os
 import time
@@ -121,37 +123,38 @@ def thinned(campaign: Campaign, count: int) -> Campaign:
 
 def drawn_effects(library: Any, index: int) -> tuple[tuple[str, tuple[float, ...]], ...]:
     """What acts in a campaign: none, one or two effects at a log-uniform share of their range."""
-    from vsr2.ensemble.simulated.library import (
-        free_parameters,
-        primary_parameters,
-        sides,
-        values_at,
-    )
+    library_of = simulated_part("library")
 
     rng = np.random.default_rng([2, index])
     kind = rng.random()
-    names = [name for name in library if sides(library[name])]
+    names = [name for name in library if library_of.sides(library[name])]
     if kind < NONE:
         return ()
     found = []
     for i in sorted(rng.permutation(len(names))[: 2 if kind > 1 - TWO else 1]):
         effect = library[names[i]]
-        primary = len(primary_parameters(effect))
+        primary = len(library_of.primary_parameters(effect))
         shares = np.exp(rng.uniform(np.log(SMALLEST), 0.0, primary)).tolist()
-        secondary = rng.random(len(free_parameters(effect)) - primary).tolist()
-        side = int(rng.choice(sides(effect)))
-        found.append((names[i], values_at(effect, side, shares, secondary)))
+        secondary = rng.random(len(library_of.free_parameters(effect)) - primary).tolist()
+        side = int(rng.choice(library_of.sides(effect)))
+        found.append((names[i], library_of.values_at(effect, side, shares, secondary)))
     return tuple(found)
+
+
+def simulated_part(name: str) -> Any:
+    """A module of simulated campaigns, which versions before 0.2.0 have elsewhere."""
+    for room in ("vsr2.ensemble", "vsr2.diagnosis"):
+        with contextlib.suppress(ModuleNotFoundError):
+            return importlib.import_module(f"{room}.simulated.{name}")
+    raise ModuleNotFoundError(f"this version has no simulated campaigns: {name}")
 
 
 def simulated(
     campaign: Campaign, study: Study, round_: int, draws: int, threads: int
 ) -> Callable[[], Done]:
     """Whole campaigns as a diagnosis simulates them; no draw is used twice."""
-    from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
-    from vsr2.ensemble.simulated.simulator import Request
-
-    simulator = SceneSimulator(campaign, study, threads=threads)
+    Request = simulated_part("simulator").Request  # noqa: N806
+    simulator = simulated_part("scene_simulator").SceneSimulator(campaign, study, threads=threads)
     indices = range(round_ * draws, (round_ + 1) * draws)
     simulator.run([Request(0, (), 1, 1)])  # what is imported late is imported here
 
