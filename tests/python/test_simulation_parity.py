@@ -16,6 +16,7 @@ from vsr2.config.study import (
     FixedStart,
     MeshRock,
     PrismPedestal,
+    UrdfRock,
 )
 from vsr2.motion import Motion, build_recorded_motion, cosine_motion, read_record
 from vsr2.scene import Scene, build_pedestal, build_rock
@@ -27,6 +28,7 @@ from pybullet_rock import PyBulletWorld  # noqa: E402
 
 ROOT = Path(__file__).resolve().parents[2]
 MESH = ROOT / "models" / "pbr_scan.obj"
+URDF = ROOT / "models" / "pbr_scan.urdf"
 MOTION = ROOT / "configs" / "motions" / "synthetic_12.csv"
 HOLD = 300
 """Steps at rest before the motion."""
@@ -121,3 +123,34 @@ def test_same_bits_as_pybullet_on_every_step(
             assert got.tobytes() == expected.tobytes(), f"step {k}: {got - expected}"
             tilted = max(tilted, float(np.abs(state.angular_velocity).max()))
         assert tilted > 0.1, "the rock never moved: the comparison proves nothing"
+
+
+class Loaded(Reference):
+    """The same, with the rock that `loadURDF` makes."""
+
+    def _body(self, scene: Scene, mesh: Path | None) -> int:
+        assert mesh is not None
+        file_s = pybullet.URDF_USE_INERTIA_FROM_FILE
+        body = int(pybullet.loadURDF(str(mesh), flags=file_s, **self.client))
+        inertia = scene.rock.mass.principal_inertia.tolist()
+        pybullet.changeDynamics(body, -1, localInertiaDiagonal=inertia, **self.client)
+        return body
+
+
+def test_a_rock_of_load_urdf_parts_where_it_lands() -> None:
+    pedestal = build_pedestal(PrismPedestal())
+    rock = build_rock(UrdfRock(shape="urdf", file=URDF), pedestal, clearance=0.002)
+    engine = Engine(mode="parity", **ORIGINAL["engine"])
+    scene = Scene(rock, pedestal, engine, Contact(**ORIGINAL["contact"]))
+    simulation = Simulation(scene, drive="motor_position")
+    apart = []
+    with Reference(scene, MESH) as created, Loaded(scene, URDF) as loaded:
+        np.testing.assert_array_equal(loaded.inertia(), created.inertia())
+        for k in range(100):
+            ours = simulation.step(0.0)
+            got = np.array([*ours.position, *ours.body_orientation])
+            assert got.tobytes() == created.step(0.0, 0.0)[:7].tobytes(), f"step {k}"
+            apart.append(np.abs(got - loaded.step(0.0, 0.0)[:7]).max())
+    falling = int(np.flatnonzero(apart)[0])
+    assert 0 < falling < 50
+    assert 0 < max(apart) < 1e-9
