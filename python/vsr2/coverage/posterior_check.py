@@ -278,7 +278,14 @@ def check_with(
         campaigns.overturned, features, generator(seed, Stream.PLANTED_COPIES)
     )
     judged = tuple(
-        judge_planted(posterior, chosen, outcomes, noted, excluded=known["excluded"], seed=seed)
+        judge_planted(
+            posterior,
+            chosen,
+            outcomes,
+            noted.astype(np.float64),
+            excluded=known["excluded"],
+            seed=seed,
+        )
     )
     return PosteriorCheck(
         coverage_scores(judged),

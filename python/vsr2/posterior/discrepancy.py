@@ -15,7 +15,8 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.posterior.summaries import Standard, moments
+from vsr2.posterior.moments import Moments
+from vsr2.posterior.summaries import Floats, Standard
 
 Array = NDArray[np.float64]
 
@@ -53,12 +54,12 @@ DISCREPANCY = DiscrepancyConstants()
 
 def disturbed(
     overturned: Array,
-    features: Array,
+    features: Floats,
     probability: Array,
     scatter: Array,
     motion: NDArray[np.int64],
     rng: np.random.Generator,
-) -> tuple[Array, Array]:
+) -> tuple[Array, Floats]:
     """Campaigns as another correct simulator would have them.
 
     An outcome is 1 where a standard normal variable exceeds a threshold that follows from the
@@ -74,7 +75,7 @@ def disturbed(
         rng: of the differences.
 
     Returns:
-        Outcomes and features.
+        Outcomes, and features in the precision of those given.
     """
     from scipy.special import ndtri
 
@@ -123,15 +124,15 @@ class Disturbance:
     motion: NDArray[np.int64]
 
     @classmethod
-    def of(cls, overturned: Array, features: Array, motion: NDArray[np.int64]) -> Disturbance:
+    def of(cls, overturned: Array, features: Floats, motion: NDArray[np.int64]) -> Disturbance:
         """From campaigns without effect, shapes (n, trials) and (n, trials, k)."""
         plain = np.ones(len(overturned), dtype=bool)
         # What no campaign without an effect varies, as a contradiction, no engine does.
-        scatter = np.sqrt(moments(features)[1])
+        scatter = np.sqrt(Moments.of(features).variance)
         return cls(Standard.of(overturned, features, plain).probability, scatter, motion)
 
     def __call__(
-        self, overturned: Array, features: Array, rng: np.random.Generator
-    ) -> tuple[Array, Array]:
+        self, overturned: Array, features: Floats, rng: np.random.Generator
+    ) -> tuple[Array, Floats]:
         """Outcomes and features of campaigns, disturbed."""
         return disturbed(overturned, features, self.probability, self.scatter, self.motion, rng)
