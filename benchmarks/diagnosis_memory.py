@@ -4,6 +4,7 @@
     python benchmarks/diagnosis_memory.py out/lab studies/lab_diagnosis.yaml [--threads N]
                                           [--trials N] [--campaigns N]
     python benchmarks/diagnosis_memory.py --train CAMPAIGNS [--trials N] [--most-effects N]
+                                          [--passes N]
 
 Simulates whole campaigns, each under an effect that gives every trial a motion of its own, and 40
 trials at half the time step, through the simulation cache, as `vsr2.diagnose` does. Prints one line
@@ -45,6 +46,7 @@ from vsr2.ensemble.simulated.library import free_parameters, primary_parameters,
 from vsr2.ensemble.simulated.look import Limit
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import HALF_STEP, Effects, Request
+from vsr2.posterior import network
 from vsr2.posterior.training import train
 
 EFFECTS = ("table_resonance", "table_bandwidth", "time_scale")
@@ -126,11 +128,12 @@ def made_up(campaigns: int, trials: int, most: int) -> tuple[Observations, Campa
     )
     index, blank = np.arange(trials), np.zeros(trials)
     measured = (LARGEST_TILT, *TILT_FEATURES, *REST_FEATURES)
-    # Training asks an observed campaign what it measures, and not for its trials.
     seen = Observations(
-        None, "T", blank, np.zeros((trials, len(measured))), measured, 0.003, 0.001, (0.01, 0.001),
-        index // 5, blank.astype(int), blank.astype(int), index / trials, blank, blank,
-    )  # type: ignore[arg-type]  # fmt: skip
+        # Training asks an observed campaign what it measures, and not for its trials.
+        None, "T", blank, np.zeros((trials, len(measured))), measured,  # type: ignore[arg-type]
+        0.003, 0.001, (0.01, 0.001), index // 5, blank.astype(int), blank.astype(int),
+        index / trials, blank, blank,
+    )  # fmt: skip
     return seen, simulated
 
 
@@ -171,7 +174,10 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, help="simulated for a whole diagnosis")
     parser.add_argument("--train", type=int, help="on so many campaigns that are made up")
     parser.add_argument("--most-effects", type=int, default=2, help="of these")
+    parser.add_argument("--passes", type=int, help="of the networks, which take no memory")
     options = parser.parse_args()
+    if options.passes is not None:
+        network.NETWORK = replace(network.NETWORK, passes=options.passes, least_passes=1)
     if options.train is not None:
         print(json.dumps(trained(options.train, options.trials or 150, options.most_effects)))
         return

@@ -73,6 +73,14 @@ def test_the_other_folds_standardise_as_their_campaigns_together_do() -> None:
             np.testing.assert_allclose(row[fold == k], misfit(residuals), rtol=1e-9)
 
 
+def test_what_differs_by_rounding_does_not_differ() -> None:
+    """A travel within what can be distinguished is the same number in every campaign."""
+    features = np.full((30, 4, 1), np.log(0.05))
+    features[::2] = np.nextafter(features[::2], 0)
+    standard = Standard.of(np.zeros((30, 4)), features, np.ones(30, dtype=bool))
+    assert np.abs(standard.residuals(np.zeros((30, 4)), features)[:, 4:]).max() < 1e-12
+
+
 def test_residuals_have_the_precision_of_the_features() -> None:
     double, single = (
         [Standards.of(copies, plain, fold).whole.residuals(*one) for one in copies]

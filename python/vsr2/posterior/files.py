@@ -32,7 +32,7 @@ from vsr2.posterior.truth import PRIOR
 from vsr2.results.atomic import write_atomic
 
 POSTERIORS = "posterior-*.npz"
-FORMAT = 10
+FORMAT = 11
 """Of the file, and of features and their noise: a posterior of another form is trained again."""
 
 

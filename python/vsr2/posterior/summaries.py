@@ -128,6 +128,8 @@ class Standard:
         weight = plain.count / (plain.count + SUMMARY.own)
         centre = weight * plain.mean + (1 - weight) * everything.mean
         scatter = np.sqrt(weight * plain.variance + (1 - weight) * everything.variance)
+        # What differs by rounding alone does not differ.
+        scatter[scatter < np.finfo(np.float32).eps * np.abs(centre)] = 0.0
         for k in range(scatter.shape[1]):
             there = scatter[:, k][scatter[:, k] > 0]
             least = SUMMARY.least_scatter * float(np.median(there)) if there.size else 1.0
@@ -286,35 +288,42 @@ def fit_summaries(
     wanted, effect = targets(campaigns, names)
     used = copies[: SUMMARY.copies]
     penalties = [one * copies[0].shape[1] for one in SUMMARY.penalties]
-    # By penalty, and of the discriminants by copy besides.
+    held = [np.flatnonzero(fold == k) for k in range(SUMMARY.folds)]
+    # By penalty.
     fitted: list[list[Array]] = [[] for _ in penalties]
     intercepts: list[list[Array]] = [[] for _ in penalties]
-    found = [[np.zeros(wanted.shape) for _ in copies] for _ in penalties]
     for k in range(SUMMARY.folds):
-        rows, held = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
+        rows = np.flatnonzero(fold != k)
         mean = wanted[rows].mean(axis=0)
         centre, ways = ridge_of_copies(used, rows, wanted[rows] - mean, penalties)
         for p, way in enumerate(ways):
             fitted[p].append(way)
             intercepts[p].append(mean - centre @ way)
-        for i, copy in enumerate(copies):
-            for part in blocks(held.size, copy.shape[1]):
-                own = copy[held[part]].astype(np.float64)
-                for p, one in enumerate(found):
-                    one[i][held[part]] = own @ fitted[p][-1] + intercepts[p][-1]
+
+    def discriminants(p: int, copy: Floats) -> Array:
+        out = np.zeros(wanted.shape)
+        for own, way, intercept in zip(held, fitted[p], intercepts[p], strict=True):
+            for part in blocks(own.size, copy.shape[1]):
+                out[own[part]] = copy[own[part]].astype(np.float64) @ way + intercept
+        return out
+
     acts = effect >= 0
-    misses = [float(((one[-1] - wanted)[:, acts] ** 2).mean()) for one in found]
+    misses = [
+        float(((discriminants(p, copies[-1]) - wanted)[:, acts] ** 2).mean())
+        for p in range(len(penalties))
+    ]
     best = int(np.argmin(misses))
+    found = [discriminants(best, copy) for copy in copies]
     out = Summaries(
         np.stack(fitted[best]),
         np.stack(intercepts[best]),
-        _reproduction(found[best], used),
-        np.concatenate([one[campaigns.gap_free] for one in found[best]]).std(axis=0)
+        _reproduction(found, used),
+        np.concatenate([one[campaigns.gap_free] for one in found]).std(axis=0)
         + SUMMARY.least_deviation,
         effect,
         trials,
     )
-    return out, [out.complete(copy, one) for copy, one in zip(copies, found[best], strict=True)]
+    return out, [out.complete(copy, one) for copy, one in zip(copies, found, strict=True)]
 
 
 def _reproduction(discriminants: Sequence[Array], copies: Sequence[Floats]) -> Array:

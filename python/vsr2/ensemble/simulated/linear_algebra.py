@@ -93,12 +93,12 @@ def ridge_of_copies(
                 own = copy[rows[part]] - centre
                 gram = _with_products(gram, own.T)
                 product += own.T @ y[part]
-        return centre, [_solved(gram, product, penalty) for penalty in penalties]
+        return centre, _solved(gram, product, penalties)
     gram, column_parts = np.zeros((count, count), order="F"), list(blocks(columns, count))
     for part in column_parts:
         gram = _with_products(gram, _columns(copies, rows, part, centre))
     stacked = np.tile(y, (len(copies), 1))
-    duals = [_solved(gram, stacked, penalty) for penalty in penalties]
+    duals = _solved(gram, stacked, penalties)
     out = [np.zeros((columns, y.shape[1])) for _ in penalties]
     for part in column_parts:
         own = _columns(copies, rows, part, centre)
@@ -124,11 +124,29 @@ def _with_products(gram: Array, x: Array) -> Array:
     return np.asarray(dsyrk(1.0, x, beta=1.0, c=gram, lower=1, overwrite_c=1))
 
 
-def _solved(gram: Array, y: Array, penalty: float) -> Array:
-    """(gram + penalty)^-1 y, of the lower triangle of a matrix."""
+def _solved(gram: Array, y: Array, penalties: Sequence[float]) -> list[Array]:
+    """(gram + penalty)^-1 y of each penalty, of the lower triangle of a matrix.
+
+    Factors take that triangle; it comes back from the upper one, so that there is one matrix.
+    """
     from scipy.linalg import cho_factor, cho_solve
 
-    own = np.array(gram, order="F")
-    own[np.diag_indices(len(own))] += penalty
-    factor = cho_factor(own, lower=True, overwrite_a=True, check_finite=False)
-    return np.ascontiguousarray(cho_solve(factor, y, check_finite=False))
+    out, diagonal = [], np.array(gram.diagonal())
+    _mirror(gram.T)
+    for k, penalty in enumerate(penalties):
+        if k:
+            _mirror(gram)
+        gram[np.diag_indices(len(gram))] = diagonal + penalty
+        factor = cho_factor(gram, lower=True, overwrite_a=True, check_finite=False)
+        out.append(np.ascontiguousarray(cho_solve(factor, y, check_finite=False)))
+    return out
+
+
+def _mirror(matrix: Array) -> None:
+    """Copy the part above the diagonal to below it."""
+    for part in blocks(len(matrix), len(matrix)):
+        rest = slice(part.stop, None)
+        matrix[rest, part] = matrix[part, rest].T
+        own = matrix[part, part]
+        upper = np.triu(own)
+        own[...] = upper + np.triu(own, 1).T
