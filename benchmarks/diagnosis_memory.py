@@ -58,7 +58,7 @@ VARIED = 40
 """Trials at half the time step: those of the noise floor."""
 LIMIT = Limit(0.04, jumps=False)
 """Of each effect in campaigns that are made up."""
-TOLD = 10
+PRINTED = 10
 """Campaigns of which the most probable set is printed."""
 
 
@@ -149,8 +149,8 @@ def trained(campaigns: int, trials: int, most: int) -> dict[str, object]:
     cpu_s = time.process_time() - started
     stages.note()
     noted = seen.noted(
-        simulated.overturned[:TOLD], simulated.peak_tilt[:TOLD],
-        np.asarray(simulated.features)[:TOLD], np.random.default_rng(1),
+        simulated.overturned[:PRINTED], simulated.peak_tilt[:PRINTED],
+        np.asarray(simulated.features)[:PRINTED], np.random.default_rng(1),
     )  # fmt: skip
     found = [
         posterior.infer(outcome, own.astype(np.float64)).probability

@@ -11,7 +11,7 @@ from diagnosis_samples import campaigns_of
 from vsr2.ensemble.simulated.campaigns import Acting
 from vsr2.ensemble.simulated.linear_algebra import ridge
 from vsr2.posterior.discrepancy import DISCREPANCY, disturbed
-from vsr2.posterior.network import NETWORK, Judged, Network, _logits, log_score, train_network
+from vsr2.posterior.network import NETWORK, Network, SetOutputs, _logits, log_score, train_network
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY, Standard, fit_summaries, targets
 
@@ -133,7 +133,7 @@ def test_sets_are_judged_a_few_at_a_time_and_one_alone(most) -> None:
     for one in networks:
         one.weights[-1] *= 30
     inputs, allowed = rng.standard_normal((7, 6)), rng.random((7, 4)) > 0.3
-    judged = Judged(sets, np.stack([one.outputs(inputs) for one in networks]), allowed)
+    judged = SetOutputs(sets, np.stack([one.outputs(inputs) for one in networks]), allowed)
     wanted = np.stack([one.log_probability(inputs, allowed) for one in networks])
     found = [judged.log_probability(rows) for rows in (slice(0, 3), slice(3, 7))]
     np.testing.assert_allclose(np.concatenate(found, axis=1), wanted, rtol=1e-12)

@@ -62,7 +62,7 @@ def test_the_other_folds_standardise_as_their_campaigns_together_do() -> None:
 
     wanted = [concatenated(np.ones(COUNT, dtype=bool))]
     wanted += [concatenated(fold != k) for k in range(SUMMARY.folds)]
-    for own, other in zip((found.whole, *found.others), wanted, strict=True):
+    for own, other in zip((found.by_all, *found.others), wanted, strict=True):
         np.testing.assert_allclose(own.probability, other.probability, rtol=1e-12)
         np.testing.assert_allclose(own.centre, other.centre, rtol=1e-12)
         np.testing.assert_allclose(own.scatter, other.scatter, rtol=1e-10)
@@ -83,7 +83,7 @@ def test_what_differs_by_rounding_does_not_differ() -> None:
 
 def test_residuals_have_the_precision_of_the_features() -> None:
     double, single = (
-        [Standards.of(copies, plain, fold).whole.residuals(*one) for one in copies]
+        [Standards.of(copies, plain, fold).by_all.residuals(*one) for one in copies]
         for copies in (simulated(), simulated(np.float32))
     )
     for one, other in zip(double, single, strict=True):

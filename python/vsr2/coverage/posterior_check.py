@@ -273,19 +273,12 @@ def check_with(
     features = seen.noted(
         campaigns.overturned, campaigns.peak_tilt, campaigns.features,
         generator(seed, Stream.PLANTED_NOISE),
-    )  # fmt: skip
+    ).astype(np.float64)  # fmt: skip
     outcomes, noted = disturbed(
         campaigns.overturned, features, generator(seed, Stream.PLANTED_COPIES)
     )
     judged = tuple(
-        judge_planted(
-            posterior,
-            chosen,
-            outcomes,
-            noted.astype(np.float64),
-            excluded=known["excluded"],
-            seed=seed,
-        )
+        judge_planted(posterior, chosen, outcomes, noted, excluded=known["excluded"], seed=seed)
     )
     return PosteriorCheck(
         coverage_scores(judged),

@@ -11,6 +11,7 @@ of computer models", J. R. Stat. Soc. B 63, 2001, call it model discrepancy).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +20,7 @@ from vsr2.posterior.moments import Moments
 from vsr2.posterior.summaries import Floats, Standard
 
 Array = NDArray[np.float64]
+_Float = TypeVar("_Float", bound=np.floating[Any])
 
 
 @dataclass(frozen=True)
@@ -54,12 +56,12 @@ DISCREPANCY = DiscrepancyConstants()
 
 def disturbed(
     overturned: Array,
-    features: Floats,
+    features: NDArray[_Float],
     probability: Array,
     scatter: Array,
     motion: NDArray[np.int64],
     rng: np.random.Generator,
-) -> tuple[Array, Floats]:
+) -> tuple[Array, NDArray[_Float]]:
     """Campaigns as another correct simulator would have them.
 
     An outcome is 1 where a standard normal variable exceeds a threshold that follows from the
@@ -132,7 +134,7 @@ class Disturbance:
         return cls(Standard.of(overturned, features, plain).probability, scatter, motion)
 
     def __call__(
-        self, overturned: Array, features: Floats, rng: np.random.Generator
-    ) -> tuple[Array, Floats]:
+        self, overturned: Array, features: NDArray[_Float], rng: np.random.Generator
+    ) -> tuple[Array, NDArray[_Float]]:
         """Outcomes and features of campaigns, disturbed."""
         return disturbed(overturned, features, self.probability, self.scatter, self.motion, rng)

@@ -165,7 +165,7 @@ class Network:
 
 
 @dataclass(frozen=True, eq=False)
-class Judged:
+class SetOutputs:
     """What networks make of campaigns; the probability of every set follows a few at a time.
 
     Attributes:

@@ -158,11 +158,11 @@ class Standards:
     """By all campaigns, and by those outside of each fold.
 
     Attributes:
-        whole: by all.
+        by_all: by all campaigns.
         others: by the other folds, one a fold.
     """
 
-    whole: Standard
+    by_all: Standard
     others: tuple[Standard, ...]
 
     @classmethod

@@ -20,7 +20,7 @@ from vsr2.posterior.calibration import Levels, calibrate, pooled
 from vsr2.posterior.discrepancy import Disturbance
 from vsr2.posterior.goodness_of_fit import LibraryFit, fit_probability, misfit, misfits_by
 from vsr2.posterior.naming import Naming, candidates, decide
-from vsr2.posterior.network import Judged, Network, train_network
+from vsr2.posterior.network import Network, SetOutputs, train_network
 from vsr2.posterior.parameters import Parameters, fit_parameters
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY, Standard, Standards, Summaries, fit_summaries
@@ -209,7 +209,7 @@ def train(
     standards = Standards.of(copies, plain, fold)
     misfits = misfits_by(standards, copies[1:], fold)
     # Features go as residuals come.
-    residuals = [standards.whole.residuals(*copies.pop(0)) for _ in range(len(copies))]
+    residuals = [standards.by_all.residuals(*copies.pop(0)) for _ in range(len(copies))]
     summaries, found = fit_summaries(residuals, campaigns, sets.names, fold, len(trials))
     parameters = fit_parameters(library, campaigns, residuals[1])
     disturbed_plain = np.concatenate([one[plain] for one in residuals[1:]])
@@ -231,7 +231,7 @@ def train(
     )
     _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
     return Posterior(
-        sets, standards.whole, summaries, scaled.centre, scaled.scale, networks, levels,
+        sets, standards.by_all, summaries, scaled.centre, scaled.scale, networks, levels,
         parameters, truth.alike, disturbed_plain, gap_free_misfits, library_fit, len(campaigns),
     )  # fmt: skip
 
@@ -264,7 +264,7 @@ def _disturbed_copies(
 
 def _networks(
     scaled: _Scaled, found: Array, truth: Truth, fold: NDArray[np.int64], seed: int
-) -> tuple[tuple[Network, ...], Judged]:
+) -> tuple[tuple[Network, ...], SetOutputs]:
     """Networks of each fold, and what they make of the campaigns that they did not see.
 
     Args:
@@ -315,7 +315,7 @@ def _networks(
         for one in outputs
     )
     acts = truth.acting.any(axis=1)
-    return tuple(networks), Judged(
+    return tuple(networks), SetOutputs(
         truth.sets,
         np.concatenate([by_all, without_own[:, acts]], axis=1),
         np.concatenate([everything, lacking[acts]]),
