@@ -205,7 +205,7 @@ class Rehearsal:
         blank = self.at(tier)
         rng = np.random.default_rng(1000 + nuisance)
         features = blank.noted(found.overturned, found.peak_tilt, found.features, rng)
-        return replace(blank, overturned=found.overturned, features=features)
+        return replace(blank, overturned=found.overturned, features=features.astype(np.float64))
 
     def infer(
         self, seen: Observations, *, campaigns: int | None = None, excluded: Collection[str] = ()

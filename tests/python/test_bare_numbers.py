@@ -61,7 +61,7 @@ UNTUNED: dict[str, set[str]] = {
     "memory or progress: no result depends on it": {
         "calibration/evaluation.py:MAX_SAMPLES_HELD",
         "campaign/file_problems.py:_LISTED", "coverage/posterior_check.py:CHUNK",
-        "ensemble/simulated/cache.py:CHUNK",
+        "ensemble/simulated/cache.py:CHUNK", "ensemble/simulated/linear_algebra.py:BLOCK",
         "ensemble/simulated/scene_simulator.py:KEPT_MOTIONS",
         "ensemble/simulated/scene_simulator.py:KEPT_SCENES", "effects/rounding.py:_PAIRS",
         "fragility/fit.py:_CHUNK",

@@ -11,7 +11,7 @@ from diagnosis_samples import campaigns_of
 from vsr2.ensemble.simulated.campaigns import Acting
 from vsr2.ensemble.simulated.linear_algebra import ridge
 from vsr2.posterior.discrepancy import DISCREPANCY, disturbed
-from vsr2.posterior.network import NETWORK, Network, log_score, train_network
+from vsr2.posterior.network import NETWORK, Network, SetOutputs, _logits, log_score, train_network
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY, Standard, fit_summaries, targets
 
@@ -42,7 +42,7 @@ def test_gradients_are_those_of_differences(most, monkeypatch) -> None:
     def loss() -> float:
         # The same units are left out as in the step.
         values, _ = network._layers(inputs, np.random.default_rng(5))
-        logits = network._logits(values[-1], allowed)
+        logits = _logits(sets, values[-1], allowed)
         log = logits - np.log(np.exp(logits - logits.max(1, keepdims=True)).sum(1, keepdims=True))
         log -= logits.max(1, keepdims=True)
         own = log[np.arange(9), truth]
@@ -71,11 +71,13 @@ def test_slopes_hold_where_parts_differ_by_more_than_a_number_has_digits(most) -
 
     found = network._slope(outputs, allowed, truth)
 
-    logits = outputs @ network._own.T
+    logits = outputs @ network.sets.parts.T
     p = np.exp(logits - logits.max(axis=1, keepdims=True))
     p /= p.sum(axis=1, keepdims=True)
     # Every term is positive, so only rounding of the sums is left.
-    np.testing.assert_allclose(found, p @ network._own - network._own[truth], atol=1e-11)
+    np.testing.assert_allclose(
+        found, p @ network.sets.parts - network.sets.parts[truth], atol=1e-11
+    )
 
 
 TWO = Sets(("a", "b"))
@@ -122,6 +124,24 @@ def test_a_posterior_that_is_known_is_learnt(learnt) -> None:
     lacking = learnt.log_probability(x, np.tile([True, False], (2000, 1)))
     assert np.exp(lacking[:, [2, 3]]).max() == 0
     np.testing.assert_allclose(lacking[:, 1] - lacking[:, 0], found[:, 1] - found[:, 0], atol=1e-9)
+
+
+@pytest.mark.parametrize("most", [1, 3])
+def test_sets_are_judged_a_few_at_a_time_and_one_alone(most) -> None:
+    sets, rng = Sets(SETS.names, most), np.random.default_rng(3)
+    networks = [Network.drawn(sets, 6, rng) for _ in range(2)]
+    for one in networks:
+        one.weights[-1] *= 30
+    inputs, allowed = rng.standard_normal((7, 6)), rng.random((7, 4)) > 0.3
+    judged = SetOutputs(sets, np.stack([one.outputs(inputs) for one in networks]), allowed)
+    wanted = np.stack([one.log_probability(inputs, allowed) for one in networks])
+    found = [judged.log_probability(rows) for rows in (slice(0, 3), slice(3, 7))]
+    np.testing.assert_allclose(np.concatenate(found, axis=1), wanted, rtol=1e-12)
+    index = np.array([int(np.flatnonzero(row)[-2]) for row in sets.allowed(allowed)])
+    tempered = np.exp((wanted - wanted.max(axis=2, keepdims=True)) / 1.7)
+    tempered /= tempered.sum(axis=2, keepdims=True)
+    own = np.exp(judged.score(index, 1.7))
+    np.testing.assert_allclose(own, tempered[:, np.arange(7), index], rtol=1e-12)
 
 
 def test_equal_seeds_train_equal_networks() -> None:

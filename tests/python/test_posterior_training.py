@@ -15,7 +15,14 @@ from vsr2.ensemble.observed.observations import Observations
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.campaigns import Acting, Campaigns, simulate_campaigns
 from vsr2.errors import ResultError
-from vsr2.posterior.calibration import CALIBRATED, _set_level, calibrate, label_set, pooled
+from vsr2.posterior.calibration import (
+    CALIBRATED,
+    _set_level,
+    calibrate,
+    label_probability,
+    label_set,
+    pooled,
+)
 from vsr2.posterior.discrepancy import disturbed
 from vsr2.posterior.files import load_posterior, posterior_file, save_posterior
 from vsr2.posterior.naming import NAMING, NamingLimits, candidates, decide, is_wrong
@@ -94,9 +101,24 @@ def exact_logs(truth: Truth, sharpness: float, seed: int):
     return log(truth.index)[None], log(outside)[None]
 
 
+class Tabled:
+    """Log probabilities that are given: by all effects, then of what acts without its own."""
+
+    def __init__(self, logs, truth):
+        self.log = np.concatenate([logs[0], logs[1][:, truth.acting.any(axis=1)]], axis=1)
+
+    def score(self, index, temperature):
+        own = self.log / temperature
+        own -= np.log(np.exp(own).sum(axis=2, keepdims=True))
+        return own[:, np.arange(index.size), index]
+
+    def log_probability(self, rows):
+        return self.log[:, rows]
+
+
 @pytest.mark.parametrize("sharpness", [1.0, 2.5])
 def test_the_temperature_undoes_a_claim(sharpness) -> None:
-    levels = calibrate(exact_logs(MANY, sharpness, 1), MANY, (FITTING, FITTING))
+    levels = calibrate(Tabled(exact_logs(MANY, sharpness, 1), MANY), MANY, (FITTING, FITTING))
     assert levels.temperature == pytest.approx(sharpness, rel=0.1)
 
 
@@ -105,14 +127,14 @@ def test_the_mean_of_networks_is_calibrated_and_not_each_of_them() -> None:
     exact = exact_logs(MANY, 1.0, 5)
     rng = np.random.default_rng(6)
     eight = tuple(one + 2.5 * rng.standard_normal((8, *one.shape[1:])) for one in exact)
-    assert calibrate(eight, MANY, (FITTING, FITTING)).temperature < 0.95
+    assert calibrate(Tabled(eight, MANY), MANY, (FITTING, FITTING)).temperature < 0.95
     first_alone = tuple(one[:1] for one in eight)
-    assert calibrate(first_alone, MANY, (FITTING, FITTING)).temperature > 1.2
+    assert calibrate(Tabled(first_alone, MANY), MANY, (FITTING, FITTING)).temperature > 1.2
 
 
 def test_limits_name_the_most_causes_rightly_while_names_are_wrong_as_seldom_as_they_must() -> None:
     logs = exact_logs(MANY, 1.0, 2)
-    levels = calibrate(logs, MANY, (FITTING, FITTING))
+    levels = calibrate(Tabled(logs, MANY), MANY, (FITTING, FITTING))
     acting = MANY.acting.any(axis=1)
     p = pooled(np.concatenate([logs[0], logs[1][:, acting]], axis=1), levels.temperature)
     outside = MANY.weight[acting] * PRIOR.outside / (1 - PRIOR.outside)
@@ -166,13 +188,13 @@ def test_levels_are_set_on_verdicts_that_see_the_fit() -> None:
     logs = exact_logs(MANY, 1.0, 2)
     misfitting = np.where(MANY.acting.any(axis=1), 1e-3, 1.0)
     free, held = (
-        calibrate(logs, MANY, (FITTING, FITTING)),
-        calibrate(logs, MANY, (misfitting, FITTING)),
+        calibrate(Tabled(logs, MANY), MANY, (FITTING, FITTING)),
+        calibrate(Tabled(logs, MANY), MANY, (misfitting, FITTING)),
     )
     assert held.none_limit == free.none_limit
     assert held.wrong <= CALIBRATED.wrong
     assert (held.named, held.least_name) != (free.named, free.least_name)
-    unexplained = calibrate(logs, MANY, (FITTING, misfitting))
+    unexplained = calibrate(Tabled(logs, MANY), MANY, (FITTING, misfitting))
     # All that acts is left unexplained, so only a false alarm can be named.
     assert unexplained.named <= CALIBRATED.false_alarms * PRIOR.none
     assert unexplained.detection_rate > free.detection_rate
@@ -183,7 +205,7 @@ def test_sets_hold_the_truth_nine_times_in_ten_whatever_probabilities_claim(shar
     one, other = exact_logs(MANY, 1.0, 3)[0][0], exact_logs(MANY, 1.0, 4)[0][0]
     one, other = np.exp(sharpness * one), np.exp(sharpness * other)
     one, other = (p / p.sum(axis=1, keepdims=True) for p in (one, other))
-    level = _set_level(one, MANY.index, MANY.weight, SETS)
+    level = _set_level(label_probability(one, SETS), MANY.index, MANY.weight, SETS)
     held, size = [], []
     for p, acting in zip(other, MANY.acting, strict=True):
         labels = label_set(p, SETS, level)

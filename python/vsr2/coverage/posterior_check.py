@@ -273,7 +273,7 @@ def check_with(
     features = seen.noted(
         campaigns.overturned, campaigns.peak_tilt, campaigns.features,
         generator(seed, Stream.PLANTED_NOISE),
-    )  # fmt: skip
+    ).astype(np.float64)  # fmt: skip
     outcomes, noted = disturbed(
         campaigns.overturned, features, generator(seed, Stream.PLANTED_COPIES)
     )

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.ensemble.simulated.linear_algebra import blocks
 from vsr2.posterior.naming import (
     Candidates,
     Naming,
@@ -84,10 +86,14 @@ class Levels:
         return NamingLimits(self.none_limit, self.least_name, self.least_together)
 
 
-Logs = tuple[Array, Array]
-"""Log probabilities of held-out campaigns, disturbed: by all effects, and without their own.
+class HeldOut(Protocol):
+    """What networks make of campaigns that they did not see, disturbed."""
 
-Shape (seeds, n, sets)."""
+    def score(self, index: NDArray[np.int64], temperature: float) -> Array:
+        """Log probability of one set a campaign, by each network, shape (networks, n)."""
+
+    def log_probability(self, rows: slice) -> Array:
+        """Of every set in some campaigns, by each network, shape (networks, rows, sets)."""
 
 
 def pooled(log_probability: Array, temperature: float) -> Array:
@@ -105,12 +111,12 @@ def pooled(log_probability: Array, temperature: float) -> Array:
     return np.asarray((out / out.sum(axis=-1, keepdims=True)).mean(axis=0))
 
 
-def calibrate(logs: Logs, truth: Truth, fits: tuple[Array, Array]) -> Levels:
+def calibrate(held_out: HeldOut, truth: Truth, fits: tuple[Array, Array]) -> Levels:
     """Temperature, and the limits of the rule, from campaigns that no network saw.
 
     Args:
-        logs: log probabilities.
-        truth: of the same campaigns.
+        held_out: all campaigns by all effects, then those in which some act, without their own.
+        truth: of all campaigns.
         fits: tail probability of each among campaigns without effect, and of what the library
             leaves unexplained, each shape (n,).
     """
@@ -120,21 +126,23 @@ def calibrate(logs: Logs, truth: Truth, fits: tuple[Array, Array]) -> Levels:
     outside = np.full(int(acting.sum()), truth.sets.outside)
     out_of_library = truth.weight[acting] * PRIOR.outside / (1 - PRIOR.outside)
     out_of_library *= truth.weight.sum() / max(truth.weight[acting].sum(), 1e-9)
-    log = np.concatenate([logs[0], logs[1][:, acting]], axis=1)
     index = np.concatenate([truth.index, outside])
     weight = np.concatenate([truth.weight, out_of_library])
-    rows = np.arange(index.size)
 
     def score(log_temperature: float) -> float:
-        p = pooled(log, float(np.exp(log_temperature)))[rows, index]
+        p = np.exp(held_out.score(index, float(np.exp(log_temperature)))).mean(axis=0)
         return float(-(weight * np.log(np.maximum(p, 1e-12))).sum() / weight.sum())
 
     sought = minimize_scalar(score, bounds=CALIBRATED.temperatures, method="bounded")
     temperature = float(np.exp(sought.x))
-    probability = pooled(log, temperature)
-    plain = probability[: len(truth.index)][~acting, 0]
+    found: list[Candidates] = []
+    labels = np.zeros((index.size, len(truth.sets.names) + 2))
+    for rows in blocks(index.size, len(truth.sets)):
+        probability = pooled(held_out.log_probability(rows), temperature)
+        found += [candidates(p, truth.sets, truth.alike) for p in probability]
+        labels[rows] = label_probability(probability, truth.sets)
+    plain = labels[: len(truth.index)][~acting, 0]
     none_limit = float(np.quantile(plain, CALIBRATED.false_alarms)) if plain.size else 0.5
-    found = [candidates(p, truth.sets, truth.alike) for p in probability]
     tails = [np.concatenate([one, one[acting]]) for one in fits]
     owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(
         acting.sum()
@@ -150,7 +158,7 @@ def calibrate(logs: Logs, truth: Truth, fits: tuple[Array, Array]) -> Levels:
         none_limit=none_limit,
         least_name=chosen.one,
         least_together=chosen.together,
-        set_level=_set_level(probability, index, weight, truth.sets),
+        set_level=_set_level(labels, index, weight, truth.sets),
         wrong=wrong,
         named=named,
         detection_rate=float(np.mean(unknown) if unknown else 0),
@@ -219,14 +227,19 @@ def label_probability(probability: Array, sets: Sets) -> Array:
     )
 
 
-def _set_level(probability: Array, index: NDArray[np.int64], weight: Array, sets: Sets) -> float:
+def _set_level(labels: Array, index: NDArray[np.int64], weight: Array, sets: Sets) -> float:
     """Probability down to which sets of labels must reach to hold nine of ten truths.
 
     Conformal: of each held-out campaign, the probability held by the labels before a true one (Y.
     Romano, M. Sesia, E. Candes, "Classification with valid and adaptive coverage", 2020; there the
     true one counts in part, by chance). Of two effects, either is true.
+
+    Args:
+        labels: probability of each, shape (n, effects + 2).
+        index: of the true set, shape (n,).
+        weight: of each campaign, shape (n,).
+        sets: the hypotheses.
     """
-    labels = label_probability(probability, sets)
     order = np.argsort(-labels, axis=1, kind="stable")
     ordered = np.take_along_axis(labels, order, axis=1)
     before = np.cumsum(ordered, axis=1) - ordered

@@ -11,13 +11,16 @@ of computer models", J. R. Stat. Soc. B 63, 2001, call it model discrepancy).
 from __future__ import annotations
 
 from dataclasses import dataclass
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.posterior.summaries import Standard, moments
+from vsr2.posterior.moments import Moments
+from vsr2.posterior.summaries import Floats, Standard
 
 Array = NDArray[np.float64]
+_Float = TypeVar("_Float", bound=np.floating[Any])
 
 
 @dataclass(frozen=True)
@@ -53,12 +56,12 @@ DISCREPANCY = DiscrepancyConstants()
 
 def disturbed(
     overturned: Array,
-    features: Array,
+    features: NDArray[_Float],
     probability: Array,
     scatter: Array,
     motion: NDArray[np.int64],
     rng: np.random.Generator,
-) -> tuple[Array, Array]:
+) -> tuple[Array, NDArray[_Float]]:
     """Campaigns as another correct simulator would have them.
 
     An outcome is 1 where a standard normal variable exceeds a threshold that follows from the
@@ -74,7 +77,7 @@ def disturbed(
         rng: of the differences.
 
     Returns:
-        Outcomes and features.
+        Outcomes, and features in the precision of those given.
     """
     from scipy.special import ndtri
 
@@ -123,15 +126,15 @@ class Disturbance:
     motion: NDArray[np.int64]
 
     @classmethod
-    def of(cls, overturned: Array, features: Array, motion: NDArray[np.int64]) -> Disturbance:
+    def of(cls, overturned: Array, features: Floats, motion: NDArray[np.int64]) -> Disturbance:
         """From campaigns without effect, shapes (n, trials) and (n, trials, k)."""
         plain = np.ones(len(overturned), dtype=bool)
         # What no campaign without an effect varies, as a contradiction, no engine does.
-        scatter = np.sqrt(moments(features)[1])
+        scatter = np.sqrt(Moments.of(features).variance)
         return cls(Standard.of(overturned, features, plain).probability, scatter, motion)
 
     def __call__(
-        self, overturned: Array, features: Array, rng: np.random.Generator
-    ) -> tuple[Array, Array]:
+        self, overturned: Array, features: NDArray[_Float], rng: np.random.Generator
+    ) -> tuple[Array, NDArray[_Float]]:
         """Outcomes and features of campaigns, disturbed."""
         return disturbed(overturned, features, self.probability, self.scatter, self.motion, rng)

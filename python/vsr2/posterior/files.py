@@ -32,7 +32,7 @@ from vsr2.posterior.truth import PRIOR
 from vsr2.results.atomic import write_atomic
 
 POSTERIORS = "posterior-*.npz"
-FORMAT = 10
+FORMAT = 11
 """Of the file, and of features and their noise: a posterior of another form is trained again."""
 
 
@@ -189,7 +189,7 @@ def _checked(
         levels=_levels(about["levels"]),
         parameters=_parameters(arrays, library, columns),
         alike=declared_alike(library),
-        gap_free=arrays.numbers("gap_free", "plain", columns),
+        gap_free=arrays.numbers("gap_free", "plain", columns).astype(np.float32, copy=False),
         misfits=arrays.numbers("misfits", "misfits"),
         library_fit=LibraryFit(
             arrays.numbers("library_fit_size", "fits"),

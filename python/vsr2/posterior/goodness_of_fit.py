@@ -18,11 +18,10 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.posterior.summaries import SUMMARY, Standard
+from vsr2.ensemble.simulated.linear_algebra import blocks
+from vsr2.posterior.summaries import Copies, Standards
 
 Array = NDArray[np.float64]
-Copies = list[tuple[Array, Array]]
-"""Outcomes, shape (n, trials), and features, shape (n, trials, k), of each copy of campaigns."""
 
 
 def misfit(residuals: Array) -> Array:
@@ -43,16 +42,25 @@ def held_out_misfits(copies: Copies, gap_free: NDArray[np.bool_], fold: NDArray[
     Returns:
         Of each disturbed copy, shape (copies - 1, n).
     """
-    out = np.zeros((len(copies) - 1, len(fold)))
-    for k in range(SUMMARY.folds):
-        held, rest = fold == k, fold != k
-        standard = Standard.of(
-            np.concatenate([one[rest] for one, _ in copies]),
-            np.concatenate([one[rest] for _, one in copies]),
-            np.concatenate([gap_free[rest]] * len(copies)),
-        )
-        for row, (outcome, features) in zip(out, copies[1:], strict=True):
-            row[held] = misfit(standard.residuals(outcome[held], features[held]))
+    return misfits_by(Standards.of(copies, gap_free, fold), copies[1:], fold)
+
+
+def misfits_by(standards: Standards, copies: Copies, fold: NDArray[np.int64]) -> Array:
+    """Misfits of campaigns, each standardised by those of the other folds, shape (copies, n).
+
+    Args:
+        standards: by the other folds.
+        copies: of the campaigns that are judged.
+        fold: group of each campaign, shape (n,).
+    """
+    out = np.zeros((len(copies), len(fold)))
+    for k, standard in enumerate(standards.others):
+        held = np.flatnonzero(fold == k)
+        for row, (outcome, features) in zip(out, copies, strict=True):
+            for part in blocks(held.size, features[0].size + outcome[0].size):
+                own = held[part]
+                noted = features[own].astype(np.float64)
+                row[own] = misfit(standard.residuals(outcome[own], noted))
     return out
 
 

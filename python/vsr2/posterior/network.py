@@ -13,7 +13,6 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from functools import cached_property
 from itertools import pairwise
 
 import numpy as np
@@ -22,6 +21,7 @@ from numpy.typing import NDArray
 from vsr2.posterior.sets import Sets
 
 Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
 FORBIDDEN = -1e9
 """Logit of what is not allowed: its exponential is 0 beside any other, and it can be subtracted,
 which infinity cannot."""
@@ -84,14 +84,22 @@ class Network:
         weights[-1] *= NETWORK.first_outputs
         return cls(sets, weights, [np.zeros(b) for b in sizes[1:]])
 
-    def log_probability(self, inputs: Array, allowed: NDArray[np.bool_]) -> Array:
+    def outputs(self, inputs: Array) -> Array:
+        """Of which the logit of every set is a sum, shape (n, outputs).
+
+        Args:
+            inputs: shape (n, inputs).
+        """
+        return self._layers(inputs, None)[0][-1]
+
+    def log_probability(self, inputs: Array, allowed: Bools) -> Array:
         """Of every set, shape (n, sets).
 
         Args:
             inputs: shape (n, inputs).
             allowed: effects that the hypotheses may hold, shape (n, effects).
         """
-        return _log_softmax(self._logits(self._layers(inputs, None)[0][-1], allowed))
+        return _log_softmax(_logits(self.sets, self.outputs(inputs), allowed))
 
     def _layers(
         self, inputs: Array, rng: np.random.Generator | None
@@ -107,13 +115,10 @@ class Network:
             kept.append(keep)
         return [*values, values[-1] @ self.weights[-1] + self.biases[-1]], kept
 
-    def _logits(self, outputs: Array, allowed: NDArray[np.bool_]) -> Array:
-        return np.where(self.sets.allowed(allowed), outputs @ self._own.T, FORBIDDEN)
-
     def step(
         self,
         inputs: Array,
-        allowed: NDArray[np.bool_],
+        allowed: Bools,
         truth: NDArray[np.int64],
         weight: Array,
         rng: np.random.Generator,
@@ -130,7 +135,7 @@ class Network:
                 back = (back @ self.weights[layer].T) * kept[layer - 1] * (values[layer] > 0)
         return [*weights, *biases]
 
-    def score(self, inputs: Array, allowed: NDArray[np.bool_], truth: NDArray[np.int64]) -> Array:
+    def score(self, inputs: Array, allowed: Bools, truth: NDArray[np.int64]) -> Array:
         """Log probability of the true set, shape (n,).
 
         Args:
@@ -138,38 +143,12 @@ class Network:
             allowed: effects that the hypotheses may hold, shape (n, effects).
             truth: index of the true set, which is allowed, shape (n,).
         """
-        outputs = self._layers(inputs, None)[0][-1]
-        logits, *_ = self._kinds(outputs, allowed)
-        most = logits.max(axis=1, keepdims=True)
-        total = np.log(np.exp(logits - most).sum(axis=1)) + most[:, 0]
-        return np.asarray((outputs * self._own[truth]).sum(axis=1) - total)
+        return _score(self.sets, self.outputs(inputs), allowed, truth)
 
-    def _kinds(
-        self, outputs: Array, allowed: NDArray[np.bool_]
-    ) -> tuple[Array, Array, list[Array]]:
-        """Logits of every effect alone, of none, of all sets of each size together, of outside.
-
-        The sum over sets of one size of the products of their parts is an elementary symmetric
-        polynomial of the parts, so that no set is computed by itself.
-
-        Returns:
-            The logits; of every part its exponential, over that of the greatest; the polynomials.
-        """
-        count, sizes = len(self.sets.names), len(self.sets.by_size)
-        own = np.where(allowed, outputs[:, :count], FORBIDDEN)
-        part = np.where(allowed, outputs[:, count : 2 * count], FORBIDDEN)
-        kinds = np.array(outputs[:, 2 * count :])
-        most = part.max(axis=1, keepdims=True)
-        factor = np.exp(part - most)
-        sums = _symmetric_sums(factor, sizes)
-        for size in range(2, sizes + 1):
-            kinds[:, [size - 1]] += size * most + np.log(sums[size])
-        return np.concatenate([own, kinds], axis=1), factor, sums
-
-    def _slope(self, outputs: Array, allowed: NDArray[np.bool_], truth: NDArray[np.int64]) -> Array:
+    def _slope(self, outputs: Array, allowed: Bools, truth: NDArray[np.int64]) -> Array:
         """Of minus the log probability of the truth, by the outputs."""
         count = len(self.sets.names)
-        logits, factor, sums = self._kinds(outputs, allowed)
+        logits, factor, sums = _kinds(self.sets, outputs, allowed)
         probability = np.exp(_log_softmax(logits))
         out = np.zeros(outputs.shape)
         out[:, :count], out[:, 2 * count :] = probability[:, :count], probability[:, count:]
@@ -181,20 +160,80 @@ class Network:
             others = sum(before[k] * after[size - 1 - k][:, ::-1] for k in range(size))
             of_size = probability[:, [count + size - 1]]
             out[:, count : 2 * count] += of_size * factor * others / sums[size]
-        out -= self._own[truth]
+        out -= self.sets.parts[truth]
         return out
 
-    @cached_property
-    def _own(self) -> Array:
-        """Outputs of which the logit of each set is the sum, shape (sets, outputs)."""
-        count, size = len(self.sets.names), self.sets.size
-        out = np.zeros((len(self.sets), 2 * count + 1 + len(self.sets.by_size)))
-        out[1 : 1 + count, :count] = np.eye(count)
-        larger = np.flatnonzero(size > 1)
-        out[larger, count : 2 * count] = self.sets.members[larger]
-        out[larger, 2 * count + size[larger] - 1] = 1.0
-        out[0, 2 * count] = out[-1, -1] = 1.0
-        return out
+
+@dataclass(frozen=True, eq=False)
+class SetOutputs:
+    """What networks make of campaigns; the probability of every set follows a few at a time.
+
+    Attributes:
+        sets: the hypotheses.
+        outputs: of each network, shape (networks, n, outputs).
+        allowed: effects that the hypotheses may hold, shape (n, effects).
+    """
+
+    sets: Sets
+    outputs: Array
+    allowed: Bools
+
+    def __len__(self) -> int:
+        return len(self.allowed)
+
+    def score(self, index: NDArray[np.int64], temperature: float) -> Array:
+        """Log probability of one set a campaign, by each network, shape (networks, n).
+
+        Logits are linear in the outputs, so that the temperature divides these.
+
+        Args:
+            index: of the set, which is allowed, shape (n,).
+            temperature: by which logits are divided.
+        """
+        return np.stack(
+            [_score(self.sets, one / temperature, self.allowed, index) for one in self.outputs]
+        )
+
+    def log_probability(self, rows: slice) -> Array:
+        """Of every set in some campaigns, by each network, shape (networks, rows, sets)."""
+        allowed = self.allowed[rows]
+        return np.stack(
+            [_log_softmax(_logits(self.sets, one[rows], allowed)) for one in self.outputs]
+        )
+
+
+def _logits(sets: Sets, outputs: Array, allowed: Bools) -> Array:
+    """Of every set, shape (n, sets)."""
+    return np.where(sets.allowed(allowed), outputs @ sets.parts.T, FORBIDDEN)
+
+
+def _score(sets: Sets, outputs: Array, allowed: Bools, index: NDArray[np.int64]) -> Array:
+    """Log probability of one set a campaign, which is allowed, shape (n,)."""
+    logits, *_ = _kinds(sets, outputs, allowed)
+    most = logits.max(axis=1, keepdims=True)
+    total = np.log(np.exp(logits - most).sum(axis=1)) + most[:, 0]
+    return np.asarray((outputs * sets.parts[index]).sum(axis=1) - total)
+
+
+def _kinds(sets: Sets, outputs: Array, allowed: Bools) -> tuple[Array, Array, list[Array]]:
+    """Logits of every effect alone, of none, of all sets of each size together, of outside.
+
+    The sum over sets of one size of the products of their parts is an elementary symmetric
+    polynomial of the parts, so that no set is computed by itself.
+
+    Returns:
+        The logits; of every part its exponential, over that of the greatest; the polynomials.
+    """
+    count, sizes = len(sets.names), len(sets.by_size)
+    own = np.where(allowed, outputs[:, :count], FORBIDDEN)
+    part = np.where(allowed, outputs[:, count : 2 * count], FORBIDDEN)
+    kinds = np.array(outputs[:, 2 * count :])
+    most = part.max(axis=1, keepdims=True)
+    factor = np.exp(part - most)
+    sums = _symmetric_sums(factor, sizes)
+    for size in range(2, sizes + 1):
+        kinds[:, [size - 1]] += size * most + np.log(sums[size])
+    return np.concatenate([own, kinds], axis=1), factor, sums
 
 
 def _symmetric_sums(factor: Array, most: int) -> list[Array]:
@@ -216,14 +255,14 @@ def _sums_before(factor: Array, most: int) -> list[Array]:
     return out
 
 
-Batches = Callable[[np.random.Generator], tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array]]
+Batches = Callable[[np.random.Generator], tuple[Array, Bools, NDArray[np.int64], Array]]
 """One pass of training campaigns: inputs, allowed effects, true sets, weights."""
 
 
 def train_network(
     sets: Sets,
     batches: Batches,
-    held_out: tuple[Array, NDArray[np.bool_], NDArray[np.int64], Array],
+    held_out: tuple[Array, Bools, NDArray[np.int64], Array],
     rng: np.random.Generator,
 ) -> Network:
     """Train by Adam, and keep the weights that are best on held-out campaigns.
@@ -267,7 +306,7 @@ def train_network(
 def log_score(
     network: Network,
     inputs: Array,
-    allowed: NDArray[np.bool_],
+    allowed: Bools,
     truth: NDArray[np.int64],
     weight: Array,
 ) -> float:

@@ -14,6 +14,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -183,7 +184,9 @@ def nearest_of_prior(gap: Array, ends: Array, null: bool) -> Array:
     return np.where(null & (np.abs(gap) < np.abs(gap - held)), 0.0, held)
 
 
-def fit_parameters(library: Library, campaigns: Campaigns, residuals: Array) -> Parameters:
+def fit_parameters(
+    library: Library, campaigns: Campaigns, residuals: NDArray[np.floating[Any]]
+) -> Parameters:
     """What parameters are sampled from.
 
     Args:
@@ -202,7 +205,7 @@ def fit_parameters(library: Library, campaigns: Campaigns, residuals: Array) -> 
             values[one.name].append([one.values[k] for k in index])
     return Parameters(
         library,
-        residuals[acting].astype(np.float32),
+        residuals[acting].astype(np.float32, copy=False),
         {name: np.array(own, dtype=np.int64) for name, own in rows.items() if own},
         {name: np.array(own, dtype=np.float64) for name, own in values.items() if own},
     )

@@ -63,6 +63,22 @@ class Sets:
             first += len(rows)
         return out
 
+    @cached_property
+    def parts(self) -> Array:
+        """Outputs of a network of which the logit of each set is the sum, shape (sets, outputs).
+
+        They are of every effect alone, of every effect in a larger set, of none and of each larger
+        size, and of outside.
+        """
+        count, size = len(self.names), self.size
+        out = np.zeros((len(self), 2 * count + 1 + len(self.by_size)))
+        out[1 : 1 + count, :count] = np.eye(count)
+        larger = np.flatnonzero(size > 1)
+        out[larger, count : 2 * count] = self.members[larger]
+        out[larger, 2 * count + size[larger] - 1] = 1.0
+        out[0, 2 * count] = out[-1, -1] = 1.0
+        return out
+
     def index(self, names: Collection[str]) -> int:
         """Of a set of at most `most` effects."""
         wanted = np.isin(self.names, list(names))

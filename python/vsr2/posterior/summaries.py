@@ -10,16 +10,26 @@ there.
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from functools import reduce
+from operator import add
+from typing import Any, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.ensemble.simulated.campaigns import Campaigns
-from vsr2.ensemble.simulated.linear_algebra import ridge
+from vsr2.ensemble.simulated.linear_algebra import blocks, ridge_of_copies
+from vsr2.posterior.moments import Moments
 
 Array = NDArray[np.float64]
+Floats = NDArray[np.floating[Any]]
+"""In single or double precision."""
+_Float = TypeVar("_Float", bound=np.floating[Any])
 Rows = NDArray[np.int64]
+Copies = Sequence[tuple[Floats, Floats]]
+"""Outcomes, shape (n, trials), and features, shape (n, trials, k), of each copy of campaigns."""
 
 
 @dataclass(frozen=True)
@@ -60,6 +70,35 @@ SUMMARY = SummaryConstants()
 
 
 @dataclass(frozen=True, eq=False)
+class StandardMoments:
+    """What campaigns are standardised by, of some of them; that of more follows by addition.
+
+    Attributes:
+        outcome: without effect, shape (trials,).
+        plain, acting: of features without effect and with, shape (trials, k).
+    """
+
+    outcome: Moments
+    plain: Moments
+    acting: Moments
+
+    @classmethod
+    def of(cls, overturned: Floats, features: Floats, gap_free: NDArray[np.bool_]) -> Self:
+        """From simulated campaigns, shape (n, trials) and (n, trials, k)."""
+        return cls(
+            Moments.of(overturned[gap_free]),
+            Moments.of(features[gap_free]),
+            Moments.of(features[~gap_free]),
+        )
+
+    def __add__(self, other: StandardMoments) -> StandardMoments:
+        """Of both groups together."""
+        return StandardMoments(
+            self.outcome + other.outcome, self.plain + other.plain, self.acting + other.acting
+        )
+
+
+@dataclass(frozen=True, eq=False)
 class Standard:
     """Campaigns without effect, by which others are standardised.
 
@@ -73,43 +112,77 @@ class Standard:
     scatter: Array
 
     @classmethod
-    def of(cls, overturned: Array, features: Array, gap_free: NDArray[np.bool_]) -> Standard:
-        """From simulated campaigns, shape (n, trials) and (n, trials, k).
+    def of(cls, overturned: Floats, features: Floats, gap_free: NDArray[np.bool_]) -> Standard:
+        """From simulated campaigns, shape (n, trials) and (n, trials, k)."""
+        return cls.by([StandardMoments.of(overturned, features, gap_free)])
+
+    @classmethod
+    def by(cls, groups: Iterable[StandardMoments]) -> Standard:
+        """From the moments of groups of campaigns.
 
         Where a feature is seldom known without effect, campaigns with effects stand in.
         """
-        own = overturned[gap_free]
-        known = np.isfinite(own).sum(axis=0)
-        probability = (np.nansum(own, axis=0) + 0.5) / (known + 1)
-        means, variances = zip(
-            *(moments(part) for part in (features[gap_free], features)), strict=True
-        )
-        count = np.isfinite(features[gap_free]).sum(axis=0)
-        weight = count / (count + SUMMARY.own)
-        centre = weight * means[0] + (1 - weight) * means[1]
-        scatter = np.sqrt(weight * variances[0] + (1 - weight) * variances[1])
+        found = reduce(add, groups)
+        outcome, plain, everything = found.outcome, found.plain, found.plain + found.acting
+        probability = (outcome.count * outcome.mean + 0.5) / (outcome.count + 1)
+        weight = plain.count / (plain.count + SUMMARY.own)
+        centre = weight * plain.mean + (1 - weight) * everything.mean
+        scatter = np.sqrt(weight * plain.variance + (1 - weight) * everything.variance)
+        # What differs by rounding alone does not differ.
+        scatter[scatter < np.finfo(np.float32).eps * np.abs(centre)] = 0.0
         for k in range(scatter.shape[1]):
             there = scatter[:, k][scatter[:, k] > 0]
             least = SUMMARY.least_scatter * float(np.median(there)) if there.size else 1.0
             scatter[:, k] = np.maximum(scatter[:, k], least)
         return cls(probability, centre, scatter)
 
-    def residuals(self, overturned: Array, features: Array) -> Array:
-        """Standardised campaigns, 0 where nothing is known, shape (n, (1 + k) trials)."""
+    def residuals(self, overturned: Floats, features: NDArray[_Float]) -> NDArray[_Float]:
+        """Standardised campaigns, 0 where nothing is known, shape (n, (1 + k) trials).
+
+        They are computed in double precision and have that of the features.
+        """
+        count, trials, channels = features.shape
+        out = np.empty((count, (1 + channels) * trials), dtype=features.dtype)
         p = self.probability
-        outcome = (overturned - p) / np.sqrt(p * (1 - p) + SUMMARY.chance)
-        rest = np.clip((features - self.centre) / self.scatter, -SUMMARY.most, SUMMARY.most)
-        parts = np.concatenate([outcome[..., None], rest], axis=-1)
-        return np.asarray(np.nan_to_num(parts.swapaxes(-1, -2).reshape(len(parts), -1)))
+        for rows in blocks(count, out.shape[1]):
+            outcome = (overturned[rows] - p) / np.sqrt(p * (1 - p) + SUMMARY.chance)
+            rest = (features[rows] - self.centre) / self.scatter
+            rest = np.clip(rest, -SUMMARY.most, SUMMARY.most)
+            parts = np.concatenate([outcome[..., None], rest], axis=-1)
+            out[rows] = np.nan_to_num(parts.swapaxes(-1, -2).reshape(len(parts), -1))
+        return out
 
 
-def moments(values: Array) -> tuple[Array, Array]:
-    """Mean and variance over campaigns of what is known, 0 where nothing is."""
-    known = np.isfinite(values)
-    count = np.maximum(known.sum(axis=0), 1)
-    mean = np.where(known, values, 0.0).sum(axis=0) / count
-    variance = np.where(known, (values - mean) ** 2, 0.0).sum(axis=0) / count
-    return mean, variance
+@dataclass(frozen=True, eq=False)
+class Standards:
+    """By all campaigns, and by those outside of each fold.
+
+    Attributes:
+        by_all: by all campaigns.
+        others: by the other folds, one a fold.
+    """
+
+    by_all: Standard
+    others: tuple[Standard, ...]
+
+    @classmethod
+    def of(cls, copies: Copies, gap_free: NDArray[np.bool_], fold: Rows) -> Standards:
+        """From copies of campaigns: each fold is summed once.
+
+        Args:
+            copies: of all campaigns.
+            gap_free: which have no effect, shape (n,).
+            fold: group of each campaign, shape (n,).
+        """
+        groups = [
+            reduce(
+                add,
+                (StandardMoments.of(o[own], f[own], gap_free[own]) for o, f in copies),
+            )
+            for own in (fold == k for k in range(SUMMARY.folds))
+        ]
+        others = [groups[:k] + groups[k + 1 :] for k in range(SUMMARY.folds)]
+        return cls(Standard.by(groups), tuple(Standard.by(own) for own in others))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,12 +213,20 @@ class Summaries:
         )
         return self.complete(residuals, found)
 
-    def complete(self, residuals: Array, discriminants: Array) -> Array:
+    def complete(self, residuals: Floats, discriminants: Array) -> Array:
         """Discriminants in their deviations, sizes of residuals, means of channels.
 
         Shape (n, summaries). The mean of a channel shows what is rare in single trials and common
         to many, such as outcomes that their series contradict.
         """
+        return np.concatenate(
+            [
+                self._complete(residuals[rows].astype(np.float64), discriminants[rows])
+                for rows in blocks(*residuals.shape)
+            ]
+        )
+
+    def _complete(self, residuals: Array, discriminants: Array) -> Array:
         left = residuals - discriminants @ self.reproduction
         own, rest = (part.reshape(len(part), -1, self.trials) for part in (residuals, left))
         sizes = [np.log((part**2).mean(axis=2) + SUMMARY.least_size) for part in (own, rest)]
@@ -183,7 +264,11 @@ def targets(campaigns: Campaigns, names: tuple[str, ...]) -> tuple[Array, NDArra
 
 
 def fit_summaries(
-    copies: list[Array], campaigns: Campaigns, names: tuple[str, ...], fold: Rows, trials: int
+    copies: Sequence[Floats],
+    campaigns: Campaigns,
+    names: tuple[str, ...],
+    fold: Rows,
+    trials: int,
 ) -> tuple[Summaries, list[Array]]:
     """Regressions, and the summaries of the campaigns that they are made on.
 
@@ -202,36 +287,57 @@ def fit_summaries(
     """
     wanted, effect = targets(campaigns, names)
     used = copies[: SUMMARY.copies]
-    columns = copies[0].shape[1]
-    best: tuple[float, list[Array], list[Array], list[Array]] | None = None
-    for penalty in SUMMARY.penalties:
-        found = [np.zeros(wanted.shape) for _ in copies]
-        fitted, intercepts = [], []
-        for k in range(SUMMARY.folds):
-            rows = fold != k
-            x, y = (
-                np.concatenate([c[rows] for c in used]),
-                np.concatenate([wanted[rows]] * len(used)),
-            )
-            centre = x.mean(axis=0)
-            fitted.append(ridge(x - centre, y - y.mean(axis=0), penalty * columns))
-            intercepts.append(y.mean(axis=0) - centre @ fitted[-1])
-            for one, copy in zip(found, copies, strict=True):
-                one[~rows] = copy[~rows] @ fitted[-1] + intercepts[-1]
-        miss = float(((found[-1] - wanted)[:, effect >= 0] ** 2).mean())
-        if best is None or miss < best[0]:
-            best = (miss, fitted, intercepts, found)
-    assert best is not None
-    _, fitted, intercepts, found = best
-    plain = np.concatenate([one[campaigns.gap_free] for one in found])
-    joined = np.concatenate(found[: len(used)])
-    reproduction = ridge(joined, np.concatenate(used), SUMMARY.reproduction)
+    penalties = [one * copies[0].shape[1] for one in SUMMARY.penalties]
+    held = [np.flatnonzero(fold == k) for k in range(SUMMARY.folds)]
+    # By penalty.
+    fitted: list[list[Array]] = [[] for _ in penalties]
+    intercepts: list[list[Array]] = [[] for _ in penalties]
+    for k in range(SUMMARY.folds):
+        rows = np.flatnonzero(fold != k)
+        mean = wanted[rows].mean(axis=0)
+        centre, ways = ridge_of_copies(used, rows, wanted[rows] - mean, penalties)
+        for p, way in enumerate(ways):
+            fitted[p].append(way)
+            intercepts[p].append(mean - centre @ way)
+
+    def discriminants(p: int, copy: Floats) -> Array:
+        out = np.zeros(wanted.shape)
+        for own, way, intercept in zip(held, fitted[p], intercepts[p], strict=True):
+            for part in blocks(own.size, copy.shape[1]):
+                out[own[part]] = copy[own[part]].astype(np.float64) @ way + intercept
+        return out
+
+    acts = effect >= 0
+    misses = [
+        float(((discriminants(p, copies[-1]) - wanted)[:, acts] ** 2).mean())
+        for p in range(len(penalties))
+    ]
+    best = int(np.argmin(misses))
+    found = [discriminants(best, copy) for copy in copies]
     out = Summaries(
-        np.stack(fitted),
-        np.stack(intercepts),
-        reproduction,
-        plain.std(axis=0) + SUMMARY.least_deviation,
+        np.stack(fitted[best]),
+        np.stack(intercepts[best]),
+        _reproduction(found, used),
+        np.concatenate([one[campaigns.gap_free] for one in found]).std(axis=0)
+        + SUMMARY.least_deviation,
         effect,
         trials,
     )
     return out, [out.complete(copy, one) for copy, one in zip(copies, found, strict=True)]
+
+
+def _reproduction(discriminants: Sequence[Array], copies: Sequence[Floats]) -> Array:
+    """Ridge regression of residuals on discriminants, shape (targets, columns).
+
+    Args:
+        discriminants: of each copy, shape (n, targets); of more copies than the residuals.
+        copies: residuals, each (n, columns).
+    """
+    count = discriminants[0].shape[1]
+    gram = SUMMARY.reproduction * np.eye(count)
+    product = np.zeros((count, copies[0].shape[1]))
+    for own, copy in zip(discriminants, copies, strict=False):
+        gram += own.T @ own
+        for rows in blocks(*copy.shape):
+            product += own[rows].T @ copy[rows].astype(np.float64)
+    return np.asarray(np.linalg.solve(gram, product))

@@ -16,19 +16,20 @@ from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
 from vsr2.ensemble.simulated.library import Library
 from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.one_line import counted
-from vsr2.posterior.calibration import Levels, Logs, calibrate, pooled
+from vsr2.posterior.calibration import Levels, calibrate, pooled
 from vsr2.posterior.discrepancy import Disturbance
-from vsr2.posterior.goodness_of_fit import LibraryFit, fit_probability, held_out_misfits, misfit
+from vsr2.posterior.goodness_of_fit import LibraryFit, fit_probability, misfit, misfits_by
 from vsr2.posterior.naming import Naming, candidates, decide
-from vsr2.posterior.network import Network, train_network
+from vsr2.posterior.network import Network, SetOutputs, train_network
 from vsr2.posterior.parameters import Parameters, fit_parameters
 from vsr2.posterior.sets import Sets
-from vsr2.posterior.summaries import SUMMARY, Standard, Summaries, fit_summaries
+from vsr2.posterior.summaries import SUMMARY, Standard, Standards, Summaries, fit_summaries
 from vsr2.posterior.truth import PRIOR, Truth, left_out_together
 
 _logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
 Bools = NDArray[np.bool_]
+Singles = NDArray[np.float32]
 
 
 @dataclass(frozen=True)
@@ -84,7 +85,8 @@ class Posterior:
         levels: calibrated.
         parameters: of effects.
         alike: which effects are declared alike, shape (effects, effects).
-        gap_free: residuals of campaigns without effect, disturbed, shape (n, columns).
+        gap_free: residuals of campaigns without effect, disturbed, in single precision, shape (n,
+            columns).
         misfits: of campaigns without effect, disturbed and held out, rising, shape (n,).
         library_fit: what it leaves unexplained of simulated campaigns.
         campaigns: number that it was trained on.
@@ -100,7 +102,7 @@ class Posterior:
     levels: Levels
     parameters: Parameters
     alike: Bools
-    gap_free: Array
+    gap_free: Singles
     misfits: Array
     library_fit: LibraryFit
     campaigns: int
@@ -167,8 +169,8 @@ class _Scaled:
     scale: Array
 
 
-def training_features(seen: Observations, campaigns: Campaigns, seed: int) -> Array:
-    """Features on which is trained, with the noise of measurements.
+def training_features(seen: Observations, campaigns: Campaigns, seed: int) -> Singles:
+    """Features on which is trained, with the noise of measurements, in single precision.
 
     Args:
         seen: the observed campaign.
@@ -176,7 +178,8 @@ def training_features(seen: Observations, campaigns: Campaigns, seed: int) -> Ar
         seed: of the training.
     """
     rng = generator(seed, Stream.TRAINING_NOISE)
-    return seen.noted(campaigns.overturned, campaigns.peak_tilt, campaigns.features, rng)
+    noted = seen.noted(campaigns.overturned, campaigns.peak_tilt, campaigns.features, rng)
+    return noted.astype(np.float32, copy=False)
 
 
 @one_blas_thread()
@@ -200,55 +203,86 @@ def train(
         seed: of everything random.
     """
     sets = Sets(tuple(library), most)
-    overturned, features = campaigns.overturned, training_features(seen, campaigns, seed)
-    plain = campaigns.gap_free
-    disturbed = Disturbance.of(overturned[plain], features[plain], seen.motion[trials])
-    rng = generator(seed, Stream.COPIES)
-    copies = [(overturned, features)] + [
-        disturbed(overturned, features, rng) for _ in range(TRAINING.copies)
-    ]
-    standard = Standard.of(
-        np.concatenate([one for one, _ in copies]),
-        np.concatenate([one for _, one in copies]),
-        np.concatenate([plain] * len(copies)),
-    )
-    residuals = [standard.residuals(*one) for one in copies]
+    plain, rng = campaigns.gap_free, generator(seed, Stream.COPIES)
+    copies = _disturbed_copies(seen, campaigns, trials, seed, rng)
     fold = rng.permutation(len(campaigns)) % SUMMARY.folds
+    standards = Standards.of(copies, plain, fold)
+    misfits = misfits_by(standards, copies[1:], fold)
+    # Features go as residuals come.
+    residuals = [standards.by_all.residuals(*copies.pop(0)) for _ in range(len(copies))]
     summaries, found = fit_summaries(residuals, campaigns, sets.names, fold, len(trials))
+    parameters = fit_parameters(library, campaigns, residuals[1])
+    disturbed_plain = np.concatenate([one[plain] for one in residuals[1:]])
+    del residuals
     everything = np.concatenate(found)
     scale = everything.std(axis=0) + TRAINING.added_scale
     scaled = _Scaled(summaries, everything.mean(axis=0), scale)
     truth = Truth.of(campaigns, sets, library)
-    networks, logs = _networks(scaled, found, truth, fold, seed)
-    misfits = held_out_misfits(copies, plain, fold)
+    networks, judged = _networks(scaled, np.stack(found), truth, fold, seed)
     gap_free_misfits = np.sort(misfits[:, plain], axis=None)
     library_fit = LibraryFit.of(*summaries.unexplained(np.concatenate(found[1:])))
-    # Of the copy that the log probabilities are of.
+    # Of the copy that is judged.
     fits = [
         library_fit.probability(float(size), float(unexplained))
         for size, unexplained in zip(*summaries.unexplained(found[-1]), strict=True)
     ]
     levels = calibrate(
-        logs, truth, (fit_probability(misfits[-1], gap_free_misfits), np.array(fits))
+        judged, truth, (fit_probability(misfits[-1], gap_free_misfits), np.array(fits))
     )
     _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
-    disturbed_plain = np.concatenate([one[plain] for one in residuals[1:]])
     return Posterior(
-        sets, standard, summaries, scaled.centre, scaled.scale, networks, levels,
-        fit_parameters(library, campaigns, residuals[1]),
-        truth.alike, disturbed_plain, gap_free_misfits, library_fit, len(campaigns),
+        sets, standards.by_all, summaries, scaled.centre, scaled.scale, networks, levels,
+        parameters, truth.alike, disturbed_plain, gap_free_misfits, library_fit, len(campaigns),
     )  # fmt: skip
 
 
+def _disturbed_copies(
+    seen: Observations,
+    campaigns: Campaigns,
+    trials: NDArray[np.int64],
+    seed: int,
+    rng: np.random.Generator,
+) -> list[tuple[Singles, Singles]]:
+    """Outcomes and features of campaigns as simulated, then disturbed, in single precision.
+
+    Args:
+        seen: the observed campaign.
+        campaigns: simulated, of the same trials.
+        trials: indices of those simulated.
+        seed: of the training.
+        rng: of the disturbances.
+    """
+    overturned, features = campaigns.overturned, training_features(seen, campaigns, seed)
+    plain = campaigns.gap_free
+    disturbed = Disturbance.of(overturned[plain], features[plain], seen.motion[trials])
+    copies = [(overturned.astype(np.float32), features)]
+    for _ in range(TRAINING.copies):
+        outcome, noted = disturbed(overturned, features, rng)
+        copies.append((outcome.astype(np.float32), noted.astype(np.float32, copy=False)))
+    return copies
+
+
 def _networks(
-    scaled: _Scaled, found: Sequence[Array], truth: Truth, fold: NDArray[np.int64], seed: int
-) -> tuple[tuple[Network, ...], Logs]:
-    """Networks of each fold, and what they make of the campaigns that they did not see."""
+    scaled: _Scaled, found: Array, truth: Truth, fold: NDArray[np.int64], seed: int
+) -> tuple[tuple[Network, ...], SetOutputs]:
+    """Networks of each fold, and what they make of the campaigns that they did not see.
+
+    Args:
+        scaled: how summaries are.
+        found: summaries of each copy, shape (copies, n, summaries).
+        truth: of the campaigns.
+        fold: group of each campaign.
+        seed: of the training.
+
+    Returns:
+        The networks; of the last copy what they make of all campaigns by all effects, then of those
+        in which some act, without their own.
+    """
     count, effects = truth.acting.shape
     everything = np.ones((count, effects), dtype=bool)
     rng = generator(seed, Stream.LACKING)
     lacking = _own_left_out(truth, rng)
-    out = tuple(np.zeros((TRAINING.seeds, count, len(truth.sets))) for _ in range(2))
+    outputs: list[list[Array]] = [[], []]
     networks: list[Network] = []
     for k in range(SUMMARY.folds):
         train_rows, held = np.flatnonzero(fold != k), np.flatnonzero(fold == k)
@@ -258,24 +292,34 @@ def _networks(
         ) -> tuple[Array, Bools, NDArray[np.int64], Array]:
             chosen = draw.permutation(np.concatenate([rows] * TRAINING.passed))
             copy = draw.integers(0, len(found), chosen.size)
-            summaries = np.stack(found)[copy, chosen]
             allowed, outside = truth.without(draw, chosen)
             index = np.where(outside, truth.sets.outside, truth.index[chosen])
             share = outside.mean() / max(1 - outside.mean(), 1e-9)
             odds = PRIOR.outside / (1 - PRIOR.outside) / max(share, 1e-9)
             weight = np.where(outside, odds, 1.0) * truth.weight[chosen]
-            return network_inputs(scaled, summaries, allowed), allowed, index, weight
+            return network_inputs(scaled, found[copy, chosen], allowed), allowed, index, weight
 
         inputs = network_inputs(scaled, found[1][held], everything[held])
         judged = (inputs, everything[held], truth.index[held], truth.weight[held])
-        for i in range(TRAINING.seeds):
+        for _ in range(TRAINING.seeds):
             rng = generator(seed, Stream.WEIGHTS, len(networks))
             network = train_network(truth.sets, batches, judged, rng)
             networks.append(network)
-            for target, allowed in zip(out, (everything[held], lacking[held]), strict=True):
+            for target, allowed in zip(outputs, (everything[held], lacking[held]), strict=True):
                 own = network_inputs(scaled, found[-1][held], allowed)
-                target[i, held] = network.log_probability(own, allowed)
-    return tuple(networks), (out[0], out[1])
+                target.append(network.outputs(own))
+    # From fold by fold to the order of the campaigns.
+    place = np.argsort(np.concatenate([np.flatnonzero(fold == k) for k in range(SUMMARY.folds)]))
+    by_all, without_own = (
+        np.stack([np.concatenate(one[i :: TRAINING.seeds])[place] for i in range(TRAINING.seeds)])
+        for one in outputs
+    )
+    acts = truth.acting.any(axis=1)
+    return tuple(networks), SetOutputs(
+        truth.sets,
+        np.concatenate([by_all, without_own[:, acts]], axis=1),
+        np.concatenate([everything, lacking[acts]]),
+    )
 
 
 def _own_left_out(truth: Truth, rng: np.random.Generator) -> Bools:

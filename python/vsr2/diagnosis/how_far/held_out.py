@@ -241,7 +241,7 @@ def ensemble(
     series = None if found.features is None else found.features.reshape(*shape, -1)
     overturned = found.overturned.reshape(shape)
     noted = seen.noted(overturned, found.peak_tilt.reshape(shape), series, noise)
-    return Ensemble(overturned, noted)
+    return Ensemble(overturned, noted.astype(np.float64, copy=False))
 
 
 def motion_groups(motion: NDArray[np.int64], outcome: Array) -> NDArray[np.int64]:

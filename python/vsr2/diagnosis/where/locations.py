@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -17,7 +19,7 @@ def where_it_lies(
     seen: Observations,
     trials: NDArray[np.int64],
     residuals: Array,
-    gap_free: Array,
+    gap_free: NDArray[np.floating[Any]],
     seed: int,
 ) -> list[Location]:
     """Scan outcomes, features and, where it was recorded twice, the table.
@@ -40,7 +42,7 @@ def where_it_lies(
         _names(seen.specimen, [trial.specimen for trial in seen.campaign.trials]),
     )
     own = residuals.reshape(-1, trials.size)
-    null = gap_free.reshape(len(gap_free), -1, trials.size)
+    null = gap_free.astype(np.float64).reshape(len(gap_free), -1, trials.size)
     features: tuple[Feature, ...] = (OUTCOME, *seen.measured)
     used = seen.campaign.select(np.isin(np.arange(len(seen)), trials))
     table = table_residuals(used, null=len(null), seed=seed)

@@ -9,12 +9,13 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 from enum import StrEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 
 Array = NDArray[np.float64]
+_Float = TypeVar("_Float", bound=np.floating[Any])
 
 
 @dataclass(frozen=True)
@@ -190,7 +191,7 @@ def tilt_features(time: Array, tilt: Array) -> Array:
     return out
 
 
-def noted_tilt_features(found: Array, overturned: Array) -> Array:
+def noted_tilt_features(found: NDArray[_Float], overturned: Array) -> NDArray[_Float]:
     """Features beside noted outcomes: what counts of them.
 
     Args:
@@ -201,7 +202,7 @@ def noted_tilt_features(found: Array, overturned: Array) -> Array:
         Shape (..., 18): the series' largest tilt of rocks noted as overturned alone, the time aloft
         of those that do not fall alone, and 1 where outcome and series contradict each other.
     """
-    out = np.array(found, dtype=np.float64)
+    out = np.array(found)
     # How far a fall is seen, and how long, is the camera's matter, or of when a simulation stops.
     capped = np.minimum(out[..., 0], np.log(SERIES.fallen))
     out[..., 0] = np.where(overturned > 0.5, capped, np.nan)

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -101,8 +102,12 @@ class Observations:
         return self.overturned.size
 
     def noted(
-        self, overturned: Array, peak: Array, series: Array | None, rng: np.random.Generator
-    ) -> Array:
+        self,
+        overturned: Array,
+        peak: Array,
+        series: NDArray[np.floating[Any]] | None,
+        rng: np.random.Generator,
+    ) -> NDArray[np.floating[Any]]:
         """Features of simulated responses as this campaign would have noted them.
 
         Args:
@@ -113,9 +118,10 @@ class Observations:
             rng: of the measurements' noise.
 
         Returns:
-            Shape (..., n, features).
+            Shape (..., n, features), in the precision of the series, else in double.
         """
-        out = np.full((*overturned.shape, len(self.measured)), np.nan)
+        precision = np.dtype(np.float64) if series is None else series.dtype
+        out = np.full((*overturned.shape, len(self.measured)), np.nan, dtype=precision)
         if self.tier == "B":
             return out
         standing = overturned < 0.5

@@ -95,14 +95,14 @@ class Campaigns:
         nuisances: standardised, shape (rows, q).
         overturned: shape (rows, trials), NaN where unknown.
         peak_tilt: [rad], shape (rows, trials).
-        features: of the series, shape (rows, trials, k); None: not simulated.
+        features: of the series, in single precision, shape (rows, trials, k); None: not simulated.
     """
 
     sets: tuple[tuple[Acting, ...], ...]
     nuisances: Array
     overturned: Array
     peak_tilt: Array
-    features: Array | None
+    features: NDArray[np.float32] | None
 
     def __len__(self) -> int:
         return len(self.sets)
@@ -262,5 +262,5 @@ def _simulated(
         np.stack([cache.simulator.nuisance_draw(draw) for draw in draws]),
         responses.overturned.reshape(shape),
         responses.peak_tilt.reshape(shape),
-        None if series is None else series.reshape(*shape, -1),
+        None if series is None else series.astype(np.float32).reshape(*shape, -1),
     )
