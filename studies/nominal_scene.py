@@ -56,6 +56,7 @@ VARIANTS: dict[str, tuple[str, ...]] = {
     "physical, restitution 0": ("contact.rock.restitution=0.0",),
     "physical, rebounds at any speed": ("engine.restitution_velocity_threshold=0.0",),
     "physical, 2 ms": ("engine.time_step=0.002",),
+    "physical, 2 ms in 2 substeps": ("engine.time_step=0.002", "engine.substeps=2"),
     "physical, 0.5 ms": ("engine.time_step=0.0005",),
 }
 
