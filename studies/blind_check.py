@@ -116,9 +116,9 @@ CHECKS = {
     "leave-one-out": Check(
         1,
         PackSettings(
-            engines=(EngineName.BULLET,), single=0, none=10, unknown=0, pair=0, leave_one_out=1
+            engines=(EngineName.BULLET,), single=0, none=20, unknown=0, pair=0, leave_one_out=2
         ),
-        1000,
+        4000,
     ),
 }
 
