@@ -96,7 +96,7 @@ CHECKS = {
             replicates=8,
             signal_trials=32,
         ),
-        8000,
+        4000,
     ),
     "other-engine": Check(
         1,

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -11,6 +13,7 @@ from planted import shaken_campaign
 from vsr2.config import study_from_mapping
 from vsr2.effects import library as full_library
 from vsr2.effects import with_effects
+from vsr2.effects.registry import place
 from vsr2.ensemble import Hypotheses
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.campaigns import (
@@ -425,7 +428,7 @@ def test_a_contact_model_changes_what_it_says_and_nothing_else(scene_simulator) 
     rock = before.contact.rock
     seen = contact(
         scene_simulator, stiffness=-1.0, damping=0.2, margin=-0.5, sweeps=0.3, substeps=0.7,
-        velocity_damping=0.03, spin_lever=0.004,
+        velocity_damping=0.03, spin_lever=0.004, impact_energy=-0.03,
     ).scene  # fmt: skip
     assert seen.contact.rock.stiffness == pytest.approx(0.1 * rock.stiffness)
     assert seen.contact.rock.damping == pytest.approx(0.1 * 10**0.2 * rock.damping)
@@ -445,7 +448,19 @@ def test_a_contact_model_changes_what_it_says_and_nothing_else(scene_simulator) 
     assert seen.engine.substeps == 2 * engine.substeps
     assert seen.engine.linear_damping == pytest.approx(engine.linear_damping + 0.03)
     assert seen.engine.angular_damping == pytest.approx(engine.angular_damping + 0.03)
-    assert seen.mechanisms == before.mechanisms
+    left = seen.mechanisms.impact_energy_ratio
+    assert left == pytest.approx(0.97)
+    assert replace(before.mechanisms, impact_energy_ratio=left) == seen.mechanisms
+
+
+def test_a_contact_model_multiplies_the_energy_that_a_cause_leaves(scene_simulator) -> None:
+    given = {p.name: p.null for p in MODEL.parameters} | {"impact_energy": 0.04}
+    acting = [(full_library()["restitution"], {"energy_ratio": 0.8}), (MODEL, given)]
+    acting.sort(key=lambda one: place(one[0]))
+    (trial,) = with_effects(
+        scene_simulator._trials[:1], acting, relative_order=[0.0], sessions=["1"]
+    )
+    assert trial.scene.mechanisms.impact_energy_ratio == pytest.approx(0.8 * 1.04)
 
 
 def test_contact_models_are_nuisances_within_their_ends(scene_simulator) -> None:
