@@ -155,6 +155,21 @@ def test_a_pack_states_distributions_by_name(tmp_path) -> None:
         open_key(data, kept)
 
 
+def test_a_nuisance_that_stands_twice_is_refused(tmp_path) -> None:
+    """The last one held, or both acted."""
+    twice = [*NUISANCES, nuisance(effect="table_gain", sd=0.02, scope="motion")]
+    refused = r"nuisances is .* both are of table_gain\.change with scope motion; leave one"
+    data, _ = write_pack(tmp_path / "open", KEY, {"nuisances": twice})
+    with pytest.raises(BlindError, match=rf"pack\.json: {refused}"):
+        diagnose_pack(data, tmp_path / "out")
+    assert not (tmp_path / "out").exists()
+    key = copy.deepcopy(KEY)
+    key["settings"] |= {"nuisances": twice}
+    sealed, kept = write_pack(tmp_path / "sealed", key)
+    with pytest.raises(BlindError, match=rf"key\.json: .*{refused}"):
+        open_key(sealed, kept)
+
+
 def with_reference(**changes):
     """A key with an open campaign in place of the one without effect, and its entry."""
     key = copy.deepcopy(KEY)

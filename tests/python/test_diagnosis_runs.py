@@ -156,6 +156,10 @@ def test_trials_specimens_and_effects_that_are_not_used_are_stated(folder, tmp_p
         (["--nuisance", "shine=0.1"], "names are slenderness, inertia,"),
         (["--nuisance", "friction=-1"], "give NAME=SD with a number of 0 or more"),
         (["--nuisance", "friction"], "give NAME=SD"),
+        (
+            ["--nuisance", "friction=0.05", "--nuisance", "friction=0.1"],
+            "--nuisance friction=0.1: friction has 0.05 already; give one of them",
+        ),
         (["--budget-minutes", "inf"], "budget_minutes is inf; give a finite number"),
         (["--budget-minutes", "nan"], "budget_minutes is nan; give a finite number"),
         (["--simulations", "0"], "simulations is 0; give at least 1"),

@@ -26,10 +26,10 @@ from vsr2.ensemble import (
     with_deviations,
 )
 from vsr2.ensemble.simulated import nuisances
+from vsr2.ensemble.simulated.nuisance_draws import correlated
 from vsr2.ensemble.simulated.nuisances import (
     LogUniform,
     Uniform,
-    correlated,
     distribution,
     with_stated,
 )

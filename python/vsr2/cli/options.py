@@ -271,7 +271,7 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
     """What is uncertain of the set-up, some of it as the command line says.
 
     Raises:
-        ConfigError: no NAME=SD, or an unknown name.
+        ConfigError: no NAME=SD, an unknown name, or one that is given twice.
     """
     from vsr2.ensemble import DEFAULT_NUISANCES, with_deviations
     from vsr2.errors import ConfigError, DiagnosisError
@@ -281,8 +281,8 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
     for text in texts:
         name, _, number = text.partition("=")
         try:
-            given[name] = float(number)
-            with_deviations({name: given[name]})
+            deviation = float(number)
+            with_deviations({name: deviation})
         except (ValueError, DiagnosisError):
             known = [one.name for one in DEFAULT_NUISANCES]
             near = None if name in known else nearest(name, known)
@@ -290,6 +290,11 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
             raise ConfigError(
                 f"--nuisance {text}: give NAME=SD with a number of 0 or more; {remedy}"
             ) from None
+        if name in given:
+            raise ConfigError(
+                f"--nuisance {text}: {name} has {given[name]:g} already; give one of them"
+            )
+        given[name] = deviation
     return with_deviations(given)
 
 

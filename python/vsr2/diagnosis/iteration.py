@@ -272,7 +272,7 @@ def _content(campaign: Campaign, study: Study, asked: Asked) -> Iterator[bytes]:
             sorted(hypotheses.exclude),
             hypotheses.ends,
             [(name, own_code(type(one))) for name, one in hypotheses.offered.items()],
-            [(one.to_json(), repr(one.prior), own_code(type(one.acting))) for one in drawn],
+            [one.identity for one in drawn],
         )
     ).encode()
     for one in (campaign, *hypotheses.references):

@@ -11,6 +11,7 @@ from vsr2.campaign import Campaign
 from vsr2.effects import Effect, effect
 from vsr2.effects import library as known_effects
 from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY
+from vsr2.ensemble.simulated.nuisance_rules import assert_together
 from vsr2.ensemble.simulated.nuisances import (
     DEFAULT_NUISANCES,
     Distribution,
@@ -59,7 +60,9 @@ class Hypotheses:
 
     Raises:
         DiagnosisError: an unknown name in `exclude`, a number of effects outside its range, a
-            prior that is none of a magnitude, or a nuisance that does nothing on its own.
+            prior that is none of a magnitude, or nuisances that cannot stand together: two of one
+            effect, parameter and scope, one that would replace another or act twice where its
+            effect cannot, or one that does nothing on its own.
         ConfigError: an unknown effect or parameter in `priors`, or ends that it cannot have.
     """
 
@@ -77,15 +80,7 @@ class Hypotheses:
                 f"most_effects is {self.most_effects}; give a number from 1 to "
                 f"{HYPOTHESIS.most_effects}"
             )
-        moved = {(n.acting.name, n.drawn_for) for n in self.nuisances if not n.secondary}
-        for one in self.nuisances:
-            name, scope = one.acting.name, one.drawn_for
-            if one.secondary and (name, scope) not in moved:
-                raise DiagnosisError(
-                    f"nuisance {one.name!r}: {one.parameter} does nothing on its own; add a "
-                    f"nuisance of another parameter of {name} with its scope, {scope}, or leave it "
-                    "out"
-                )
+        assert_together((*self.nuisances, *self.contact_family))
 
     @property
     def ends(self) -> dict[str, list[float]]:

@@ -14,16 +14,14 @@ from functools import cached_property
 from typing import Any, Protocol
 
 import numpy as np
-from numpy.typing import NDArray
 
 from vsr2.effects import Circumstances, Effect, Parameter
 from vsr2.effects import library as known_effects
+from vsr2.effects.own_code import own_code
 from vsr2.errors import DiagnosisError
 from vsr2.motion.processing import differentiate
 from vsr2.near_words import offer
 from vsr2.trial import Trial
-
-Array = NDArray[np.float64]
 
 
 class Scope(StrEnum):
@@ -266,6 +264,11 @@ OWN_EFFECTS: Mapping[str, Effect] = {MotionNoise.name: MotionNoise()}
 """Of nuisances alone."""
 
 
+JOINING = ("joins and multiplies",)
+"""What nuisances do that join or multiply others in each trial or motion; new words where it
+changes, so that no kept simulation of another meaning is taken."""
+
+
 @dataclass(frozen=True)
 class Nuisance:
     """What is uncertain about a set-up.
@@ -277,8 +280,9 @@ class Nuisance:
         scope: whether a value holds for a campaign, or each trial or ground motion has its own.
         direction: parameter of the effect that is an azimuth [degree]: a negative value acts as
             its size in the opposite direction.
-        relative: the value multiplies that of the same effect where it is a cause, or else the
-            effect's nominal value of the campaign's first trial.
+        relative: the value multiplies that of the same effect where it is a cause, or else that of
+            the nuisance of this parameter with a wider scope, or else the effect's nominal value of
+            the campaign's first trial.
         label: name of the nuisance; empty: the effect's.
         group: nuisances of one group and scope are drawn together; empty: alone.
         correlation: of its draw with that of the first of its group, -1 to 1. Two others correlate
@@ -342,6 +346,13 @@ class Nuisance:
     def drawn_for(self) -> Scope:
         """Its scope; what an effect draws itself acts with what is drawn for a campaign."""
         return Scope.CAMPAIGN if isinstance(self.prior, DrawnByEffect) else self.scope
+
+    @property
+    def identity(self) -> tuple[object, ...]:
+        """All that simulations with it depend on, for hashes."""
+        plain = self.to_json(), repr(self.prior), own_code(type(self.acting))
+        joins = self.relative or self.secondary
+        return (*plain, *JOINING) if joins and self.drawn_for is not Scope.CAMPAIGN else plain
 
     def values(self, z: float) -> dict[str, float]:
         """Of the effect's parameters at a standard normal draw, those not concerned left out."""
@@ -424,22 +435,6 @@ def _usual(effect: str, parameter: str) -> Nuisance | None:
     """The first of the default nuisances of an effect's parameter."""
     same = (one for one in DEFAULT_NUISANCES if (one.effect, one.parameter) == (effect, parameter))
     return next(same, None)
-
-
-def correlated(nuisances: Sequence[Nuisance], draws: Array) -> Array:
-    """Standard normal draws of nuisances, those of a group correlated.
-
-    Args:
-        nuisances: of one scope.
-        draws: independent, shape (..., nuisances).
-    """
-    out = draws.copy()
-    first: dict[str, int] = {}
-    for i, one in enumerate(nuisances):
-        if one.group and first.setdefault(one.group, i) != i:
-            own = math.sqrt(1 - one.correlation**2)
-            out[..., i] = one.correlation * draws[..., first[one.group]] + own * draws[..., i]
-    return out
 
 
 DEFAULT_NUISANCES: tuple[Nuisance, ...] = (

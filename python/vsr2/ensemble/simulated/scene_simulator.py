@@ -16,7 +16,6 @@ from vsr2.config.motion_source import AllRecordings, Filter, SingleRecording
 from vsr2.config.study import Study
 from vsr2.effects import Effect, in_order, with_effects
 from vsr2.effects.apply import MadeEarlier, Sought, sees_motion
-from vsr2.effects.own_code import own_code
 from vsr2.ensemble.observed.features import (
     REST_FEATURES,
     SERIES,
@@ -165,7 +164,7 @@ class SceneSimulator:
                 [t.motion.sha256 for t in self._trials],
                 self._order,
                 self._sessions,
-                [(n.to_json(), repr(n.prior), own_code(type(n.acting))) for n in self.nuisances],
+                [one.identity for one in self.nuisances],
                 self._series and (*TILT_FEATURES, *REST_FEATURES, *self._measured),
                 self._seed,
                 study.settling.model_dump_json(),
