@@ -103,6 +103,7 @@ def in_bullet(
         batch.append(trial if contact is None else FAMILY.change(trial, contact))
     out = []
     for log in run_batch(batch, threads=1).logs:
+        assert log is not None
         time, tilt = np.asarray(log.time), np.asarray(log.tilt)
         out.append(excursions(time[time >= 0], tilt[time >= 0]))
     return out
