@@ -118,7 +118,7 @@ CHECKS = {
         PackSettings(
             engines=(EngineName.BULLET,), single=0, none=20, unknown=0, pair=0, leave_one_out=2
         ),
-        4000,
+        2000,
     ),
 }
 
