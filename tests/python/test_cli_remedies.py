@@ -314,6 +314,42 @@ def test_a_signal_while_modules_are_imported_is_said_and_has_its_exit_code(
     assert (done.returncode, done.stderr) == (code, said)
 
 
+@pytest.mark.parametrize("entry", [("-m", "vsr2"), ("-m", "vsr2.cli.entry")])
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+@pytest.mark.parametrize("module", ["cyclopts", "vsr2._native"])
+@pytest.mark.parametrize("then", ["raise", "raise ImportError('initialization failed')"])
+def test_a_signal_amid_an_import_has_its_exit_code_whatever_becomes_of_it(
+    entry: tuple[str, ...], name: str, code: int, module: str, then: str, tmp_path: Path
+) -> None:
+    """Native modules turn KeyboardInterrupt into ImportError; dataclasses evaluate text."""
+    (tmp_path / "sitecustomize.py").write_text(
+        textwrap.dedent(
+            f"""
+            import signal, sys
+
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+            class Interrupt:
+                def find_spec(self, name, path=None, target=None):
+                    if name == "{module}":
+                        try:
+                            exec("signal.raise_signal(signal.{name})")
+                        except BaseException:
+                            {then}
+
+            sys.meta_path.insert(0, Interrupt())
+            """
+        )
+    )
+    folders = os.pathsep.join((str(tmp_path), str(Path(vsr2.__file__).parents[1])))
+    done = subprocess.run(
+        [sys.executable, *entry, "--version"], capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": folders},
+    )  # fmt: skip
+    said = {"SIGINT": "vsr2: interrupted\n", "SIGTERM": "vsr2: ended by SIGTERM\n"}[name]
+    assert (done.returncode, done.stderr, done.stdout) == (code, said, "")
+
+
 @pytest.mark.parametrize("handler", ["SIG_IGN", "default_int_handler"])
 def test_sigterm_ends_a_verb_whose_ctrl_c_is_ignored(handler: str) -> None:
     """A shell's job in the background has Ctrl-C ignored from the start."""
