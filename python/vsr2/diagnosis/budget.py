@@ -253,8 +253,9 @@ class Schedule:
 
     @property
     def least(self) -> int:
-        """Simulations that are asked for, however small the budget: about, as the trials that lift
-        off are not known before the look.
+        """Simulations that are asked for, however small the budget.
+
+        Trials that lift off are not known before the look, so all count.
         """
         among, tried, plain = self._budget.look or (
             min(self._trials, SCHEDULE.least_trials), LOOK.fewest, LOOK.fewest_plain
