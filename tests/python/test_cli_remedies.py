@@ -53,7 +53,10 @@ def test_resuming_a_finished_run_is_success_with_nothing_to_do(
     )
     assert state(out) == before
     assert run("run", study, "--out", out, "--resume", "--set", "motion.pga_g=0.2") == 2
-    assert "already holds a result" in capsys.readouterr().err
+    refused = capsys.readouterr().err
+    assert "already holds a result" in refused
+    for option in ("--overwrite", "--resume", "--out"):
+        assert f"`{option}`" in refused
     assert run("run", study, "--out", out) == 2
 
 
@@ -451,6 +454,30 @@ def test_config_check_reads_a_calibrations_campaign(
     )
     assert run("config", "check", study) == 2
     assert "known: holds no campaign.yaml and no trials.csv" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_config_check_names_all_files_that_are_missing_or_damaged(
+    missing: bool, study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if not missing:
+        (tmp_path / "records").mkdir()
+        (tmp_path / "records" / "one.csv").write_text("no record\n")
+    for name in ("scan.obj", "ground.obj"):
+        (tmp_path / name).write_text("v 0 0 0\n")
+    change = {
+        "motion": "{mode: all_recordings, folder: records}",
+        "rock": "{shape: mesh, file: scan.obj, density: 2700.0}",
+        "pedestal": "{shape: mesh, file: ground.obj}",
+    }
+    lines = [line for line in STUDY.splitlines() if line.split(":")[0] not in change]
+    study.write_text("\n".join([*lines, *(f"{key}: {change[key]}" for key in change)]))
+    assert run("config", "check", study) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    words = ("no such folder" if missing else "one.csv", "scan.obj", "ground.obj")
+    said = [[word for word in words if word in line] for line in err.splitlines()]
+    assert sorted(said) == sorted([word] for word in words)
 
 
 def test_config_check_takes_a_fragility_study(
