@@ -29,7 +29,13 @@ if ((${#missing[@]})); then
 fi
 
 venv=${VSR2_VENV:-.venv}
-[ -x "$venv/bin/python" ] || /usr/bin/python3 -m venv "$venv"
-echo "Building the native core and installing into $venv: some minutes"
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check --upgrade pip
-"$venv/bin/python" -m pip install --quiet --disable-pip-version-check ".[$extras]"
+if [ ! -x "$venv/bin/python" ]; then
+  echo "1 of 3: making the virtual environment $venv"
+  /usr/bin/python3 -m venv "$venv"
+fi
+pip=("$venv/bin/python" -m pip --disable-pip-version-check)
+echo "2 of 3: bringing pip up to date"
+"${pip[@]}" install --quiet --upgrade pip
+echo "3 of 3: fetching what [$extras] needs and building the native core: minutes, on a busy machine ten or more"
+# pip's own lines, one a package and one a stage: with --quiet nothing would be seen of these minutes.
+"${pip[@]}" install --progress-bar off ".[$extras]"

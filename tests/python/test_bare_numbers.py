@@ -79,7 +79,7 @@ UNTUNED: dict[str, set[str]] = {
 INSIDE: dict[str, set[str]] = {
     "form of a file, or of the system": {
         "blind/custodian/campaign_recording.py: 3.14159", "blind/custodian/pack_making.py: 448",
-        "cli/main.py: 130", "cli/options.py: 130", "cli/verb_calibrate.py: 130",
+        "cli/options.py: 130", "cli/verb_calibrate.py: 130",
         "cli/verb_campaign.py: 130", "config/yaml_file.py: 20", "motion/peer.py: 300",
         "motion/recording.py: 2000", "results/atomic.py: 384", "results/atomic.py: 438",
         "results/store.py: 438", "scene/mesh_files.py: 100000", "scene/mesh_files.py: 50",

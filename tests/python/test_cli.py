@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import logging
 import os
+import re
 import shutil
 import subprocess
 import sys
@@ -213,6 +214,8 @@ def test_version_and_help_import_no_room() -> None:
         imported = {name.split(".")[1] for name in rooms.split()}
         assert imported <= {"_native", "cli", "codes", "errors"}
         assert ("build_type" in done.stdout) is (option == "--version")
+        if option == "--version":
+            assert re.match(r"vsr2 [0-9.]+\S*\nbuild_type: ", done.stdout)
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])

@@ -53,7 +53,10 @@ def test_resuming_a_finished_run_is_success_with_nothing_to_do(
     )
     assert state(out) == before
     assert run("run", study, "--out", out, "--resume", "--set", "motion.pga_g=0.2") == 2
-    assert "already holds a result" in capsys.readouterr().err
+    refused = capsys.readouterr().err
+    assert "already holds a result" in refused
+    for option in ("--overwrite", "--resume", "--out"):
+        assert f"`{option}`" in refused
     assert run("run", study, "--out", out) == 2
 
 
@@ -314,6 +317,42 @@ def test_a_signal_while_modules_are_imported_is_said_and_has_its_exit_code(
     assert (done.returncode, done.stderr) == (code, said)
 
 
+@pytest.mark.parametrize("entry", [("-m", "vsr2"), ("-m", "vsr2.cli.entry")])
+@pytest.mark.parametrize(("name", "code"), [("SIGINT", 130), ("SIGTERM", 143)])
+@pytest.mark.parametrize("module", ["cyclopts", "vsr2._native"])
+@pytest.mark.parametrize("then", ["raise", "raise ImportError('initialization failed')"])
+def test_a_signal_amid_an_import_has_its_exit_code_whatever_becomes_of_it(
+    entry: tuple[str, ...], name: str, code: int, module: str, then: str, tmp_path: Path
+) -> None:
+    """Native modules turn KeyboardInterrupt into ImportError; dataclasses evaluate text."""
+    (tmp_path / "sitecustomize.py").write_text(
+        textwrap.dedent(
+            f"""
+            import signal, sys
+
+            signal.signal(signal.SIGINT, signal.default_int_handler)
+
+            class Interrupt:
+                def find_spec(self, name, path=None, target=None):
+                    if name == "{module}":
+                        try:
+                            exec("signal.raise_signal(signal.{name})")
+                        except BaseException:
+                            {then}
+
+            sys.meta_path.insert(0, Interrupt())
+            """
+        )
+    )
+    folders = os.pathsep.join((str(tmp_path), str(Path(vsr2.__file__).parents[1])))
+    done = subprocess.run(
+        [sys.executable, *entry, "--version"], capture_output=True, text=True,
+        env={**os.environ, "PYTHONPATH": folders},
+    )  # fmt: skip
+    said = {"SIGINT": "vsr2: interrupted\n", "SIGTERM": "vsr2: ended by SIGTERM\n"}[name]
+    assert (done.returncode, done.stderr, done.stdout) == (code, said, "")
+
+
 @pytest.mark.parametrize("handler", ["SIG_IGN", "default_int_handler"])
 def test_sigterm_ends_a_verb_whose_ctrl_c_is_ignored(handler: str) -> None:
     """A shell's job in the background has Ctrl-C ignored from the start."""
@@ -415,6 +454,30 @@ def test_config_check_reads_a_calibrations_campaign(
     )
     assert run("config", "check", study) == 2
     assert "known: holds no campaign.yaml and no trials.csv" in capsys.readouterr().err
+
+
+@pytest.mark.parametrize("missing", [True, False])
+def test_config_check_names_all_files_that_are_missing_or_damaged(
+    missing: bool, study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    if not missing:
+        (tmp_path / "records").mkdir()
+        (tmp_path / "records" / "one.csv").write_text("no record\n")
+    for name in ("scan.obj", "ground.obj"):
+        (tmp_path / name).write_text("v 0 0 0\n")
+    change = {
+        "motion": "{mode: all_recordings, folder: records}",
+        "rock": "{shape: mesh, file: scan.obj, density: 2700.0}",
+        "pedestal": "{shape: mesh, file: ground.obj}",
+    }
+    lines = [line for line in STUDY.splitlines() if line.split(":")[0] not in change]
+    study.write_text("\n".join([*lines, *(f"{key}: {change[key]}" for key in change)]))
+    assert run("config", "check", study) == 2
+    out, err = capsys.readouterr()
+    assert out == ""
+    words = ("no such folder" if missing else "one.csv", "scan.obj", "ground.obj")
+    said = [[word for word in words if word in line] for line in err.splitlines()]
+    assert sorted(said) == sorted([word] for word in words)
 
 
 def test_config_check_takes_a_fragility_study(

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import re
+import warnings
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
 
 from planar.planar_library import PLANAR_LIBRARY
-from vsr2.diagnosis import Budget
+from vsr2.diagnosis import Budget, BudgetWarning
 from vsr2.diagnosis import budget as module
 from vsr2.diagnosis import diagnose as api
 from vsr2.diagnosis.budget import SCHEDULE, Schedule, Stopwatch
@@ -145,6 +147,48 @@ def test_a_small_budget_runs_a_part_of_the_trials(monkeypatch, simulations, amon
     """A tenth of it goes into draws without effect, 24 at least."""
     schedule = Clock(Budget(simulations=simulations), monkeypatch, trials=300).schedule
     assert (schedule.among, schedule.plain) == (among, plain)
+
+
+def warned(options, monkeypatch, known=SCHEDULE.least_trials, processors=1.0):
+    """What is said of a budget before the work on so few trials that all are run."""
+    trials = SCHEDULE.least_trials
+    clock = Clock(Budget(**options), monkeypatch, trials=trials, processors=processors)
+    clock.cache.size = known
+    with warnings.catch_warnings(record=True) as seen:
+        warnings.simplefilter("always")
+        clock.schedule.warn_of_too_little()
+    assert all(one.category is BudgetWarning for one in seen)
+    return clock, [str(one.message) for one in seen]
+
+
+def test_a_budget_below_the_least_is_said_before_the_work(monkeypatch) -> None:
+    clock, (said,) = warned({"minutes": 0.2}, monkeypatch)
+    least_s = COST * clock.schedule.least
+    assert said.startswith("a budget of 0.2 min is too little")
+    minutes = float(re.search(r"takes about ([0-9.]+), at the speed so far", said)[1])
+    # Up to tenths of a minute, and with a guess at training.
+    spare_s = 6.0 + SCHEDULE.training_s * SCHEDULE.fewest
+    assert least_s <= 60 * minutes <= least_s + spare_s
+    assert f"give {minutes} min or more" in said
+    assert "--no-how-far" in said
+    # And it is what such a diagnosis takes.
+    assert clock.run() == pytest.approx(least_s, abs=1.0)
+
+
+def test_a_budget_that_suffices_is_not_said_to_be_too_little(monkeypatch) -> None:
+    clock, _ = warned({"minutes": 0.2}, monkeypatch)
+    least_s, least = COST * clock.schedule.least, clock.schedule.least
+    enough = (least_s + SCHEDULE.training_s * SCHEDULE.fewest + 1.0) / 60
+    assert warned({"minutes": enough}, monkeypatch)[1] == []
+    assert warned({"simulations": 10**6}, monkeypatch)[1] == []
+    assert warned({"minutes": 0.001, "campaigns": 320}, monkeypatch)[1] == []
+    # What is kept costs nothing.
+    assert warned({"minutes": 0.2}, monkeypatch, known=least)[1] == []
+    (said,) = warned({"simulations": 10, "held_out": False}, monkeypatch)[1]
+    assert "a budget of 10 simulations is too little" in said
+    assert "--no-how-far" not in said
+    (said,) = warned({"cpu_minutes": enough}, monkeypatch, processors=8.0)[1]
+    assert "min of processor time" in said
 
 
 def test_a_diagnosis_is_repeated_with_the_numbers_that_it_notes(monkeypatch) -> None:

@@ -18,7 +18,7 @@ from planted import shaken_campaign
 from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import load_study
-from vsr2.diagnosis import Budget, diagnose, schema
+from vsr2.diagnosis import Budget, BudgetWarning, diagnose, schema
 from vsr2.effects import library
 from vsr2.ensemble import Hypotheses
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
@@ -114,15 +114,16 @@ def test_trials_specimens_and_effects_that_are_not_used_are_stated(folder, tmp_p
     )
     scene = tmp_path / "motor.yaml"
     scene.write_text(SCENE.replace("frequency: 1.0}", "frequency: 1.0, drive: motor}"))
-    found = diagnose(
-        mixed,
-        scene,
-        tier="B",
-        budget=Budget(simulations=300),
-        hypotheses=Hypotheses(
-            priors={"table_gain.change": (-0.3, 0.1)},
-        ),
-    )
+    with pytest.warns(BudgetWarning, match="a budget of 300 simulations is too little"):
+        found = diagnose(
+            mixed,
+            scene,
+            tier="B",
+            budget=Budget(simulations=300),
+            hypotheses=Hypotheses(
+                priors={"table_gain.change": (-0.3, 0.1)},
+            ),
+        )
     limits = {row["code"]: row["values"] for row in found.content["limits"]}
     assert limits["trials_incomplete"] == {"count": 1}
     assert limits["effect_unavailable"] == {"effect": "table_pitch", "fault": "drive"}

@@ -193,7 +193,7 @@ def test_the_schema_refuses(part, change) -> None:
         (
             {"kind": "none", "names": [], "where": CONTENT["where"][1:], "probability": 0.23},
             "gives no reason to change the model, and does not exclude what is too weak to show "
-            "(none: 23 %).",
+            "(probability that no effect acts: 23 %).",
         ),
     ],
 )
@@ -215,6 +215,28 @@ def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None
     where = changes.get("where", CONTENT["where"])
     content = CONTENT | {"verdict": verdict, "gap": gap, "where": where}
     assert sentence in verdict_sentence(content)
+
+
+@pytest.mark.parametrize(
+    ("before", "said"),
+    [
+        (0.06, "The loss before is below it: the campaign lies within the scatter"),
+        (0.12, "A loss before that lies a little above it may be chance."),
+    ],
+)
+def test_where_nothing_is_found_it_is_said_what_the_numbers_mean(before, said) -> None:
+    verdict = CONTENT["verdict"] | {"kind": "none", "effects": [], "findings": []}
+    gap = CONTENT["gap"] | {"effects": [], "before": estimate(before), "floor": estimate(0.11)}
+    content = CONTENT | {"verdict": verdict, "gap": gap, "corrected": None}
+    content["conformal_set_90"] = ["none", "catch", "wear"]
+    found = Diagnosis(content, ROWS)
+    for text in (format_diagnosis(found), diagnosis_page(found)):
+        assert "90 % set: none, catch, wear" in text
+        assert "holds what the data cannot exclude, here 2 effects." in text
+        assert "a low one is no sign of a gap" in text
+        assert said in text
+    # And only there.
+    assert "no sign of a gap" not in diagnosis_page(Diagnosis(CONTENT, ROWS))
 
 
 @pytest.mark.parametrize(

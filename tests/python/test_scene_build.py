@@ -265,6 +265,14 @@ def test_a_mesh_in_millimetres_is_a_warning_in_python(tmp_path: Path) -> None:
         build_scene(block(rock=rock, pedestal={"size": [60.0, 60.0, 0.5]}))
 
 
+def test_a_mesh_in_millimetres_that_could_be_a_boulder_hears_of_its_unit(tmp_path: Path) -> None:
+    """Nine metres are no unusual size, but no contact is made for 1,310 t."""
+    trimesh.creation.box(extents=(7.0, 8.0, 9.0)).export(tmp_path / "block.obj")
+    rock = {"shape": "mesh", "file": str(tmp_path / "block.obj"), "density": 2600.0}
+    with pytest.warns(SceneWarning, match=r"rock of 1\.31e\+06 kg .* needs `scale: 0\.001`"):
+        build_scene(block(rock=rock, pedestal={"size": [10.0, 10.0, 0.5]}))
+
+
 @pytest.mark.parametrize("mode", ["fast", "exact"])
 def test_a_rock_that_sinks_into_a_soft_pedestal_is_a_warning(mode: str) -> None:
     soft = {"stiffness": 2.0e4, "damping": 2.0e3}

@@ -107,7 +107,8 @@ def _refuse_folder(path: Path, overwrite: bool) -> bool:
         )
     if not overwrite:
         raise CampaignError(
-            f"{path}: already holds a campaign; choose another folder, or overwrite it"
+            f"{path}: already holds a campaign; replace it with `--overwrite`, or choose another "
+            "folder by `--out`"
         )
     return True
 

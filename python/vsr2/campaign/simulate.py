@@ -127,7 +127,7 @@ def simulate_campaign(
         if run.made.provenance.get("digest") != digest:
             raise CampaignError(
                 f"campaign {run.made.name!r} was made from another study, seed or noise; simulate "
-                "into a new folder, or overwrite it without resuming"
+                "into a new folder, or replace it with `--overwrite` in place of `--resume`"
             )
         return run.made
     rows, written = _unjudged(asked, names, held, noise, seed)

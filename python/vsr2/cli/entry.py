@@ -13,26 +13,39 @@ INTERRUPTED, TERMINATED = 130, 143
 def program() -> int:
     """Run the command line and return the exit code.
 
-    Ctrl-C and SIGTERM while modules are imported end with the messages and the exit codes that
-    they have later. Nothing but `sys` is imported outside the `try`: the import of `typing` alone
-    takes longer than the interpreter's own start.
+    Ctrl-C and SIGTERM before and after :func:`main` end the process at once: nothing is begun that
+    could be kept. An exception would not do, because native modules that are amid their import,
+    and libraries, turn it into one of theirs. `signal` itself imports `enum`, which takes as long
+    as the interpreter's own start; `_signal` and `os` are there.
     """
+    said = False
     try:
-        import signal
+        # Typeshed does not know the builtin half of `signal`.
+        import _signal  # type: ignore[import-not-found]
+        import os
 
-        # Until `main` takes over: nothing is begun that could be kept.
-        signal.signal(signal.SIGTERM, _end)
+        def end(number: int, frame: "FrameType | None") -> None:
+            if not said:
+                # Not by print: the signal may have come amid another one.
+                os.write(2, b"vsr2: " + sentence[number] + b"\n")
+            os._exit(128 + number)
+
+        sentence = {_signal.SIGINT: b"interrupted", _signal.SIGTERM: b"ended by SIGTERM"}
+        for number in sentence:
+            # Ignored, for instance, as Ctrl-C is by a shell's job in the background.
+            if _signal.getsignal(number) is not _signal.SIG_IGN:
+                _signal.signal(number, end)
         from vsr2.cli.main import main
 
-        return main()
+        code = main()
+        said = code in (INTERRUPTED, TERMINATED)
     except KeyboardInterrupt:
+        said, code = True, INTERRUPTED
         sys.stderr.write("vsr2: interrupted\n")
-        return INTERRUPTED
-
-
-def _end(number: int, frame: "FrameType | None") -> None:
-    sys.stderr.write("vsr2: ended by SIGTERM\n")
-    sys.exit(TERMINATED)
+    # A KeyboardInterrupt that has left evaluated text, such as that of a dataclass, makes
+    # `python -m` die by SIGINT, though it was caught, unless other text is evaluated since.
+    exec("")
+    return code
 
 
 if __name__ == "__main__":

@@ -27,6 +27,7 @@ from vsr2.cli import (
     verb_run,
     verb_view,
 )
+from vsr2.cli.entry import INTERRUPTED, TERMINATED
 from vsr2.cli.options import DEFAULTS
 from vsr2.cli.usage_errors import usage_error
 from vsr2.errors import ConfigError, Vsr2Error
@@ -89,10 +90,12 @@ app.command(verb_config.verbs)
 
 @app.command(name="--version")
 def _version() -> int:
-    """Version and build facts."""
+    """Version, then build facts."""
     from vsr2._native import build_facts
 
-    print("\n".join(f"{name}: {value}" for name, value in build_facts().items()))
+    facts = build_facts()
+    print(f"vsr2 {facts.pop('version')}")
+    print("\n".join(f"{name}: {value}" for name, value in facts.items()))
     return 0
 
 
@@ -167,11 +170,8 @@ def _one_line_warnings() -> Iterator[None]:
         usual, shown = warnings.showwarning, set()
 
         def show(message: Warning | str, category: type[Warning], *where: Any, **how: Any) -> None:
-            from vsr2.effects import EffectWarning
-            from vsr2.motion import MotionWarning
-            from vsr2.scene import SceneWarning
-
-            if not issubclass(category, (EffectWarning, MotionWarning, SceneWarning)):
+            # By name: a warning must not import the rooms that have others.
+            if not any(kind.__module__.split(".")[0] == "vsr2" for kind in category.__mro__):
                 usual(message, category, *where, **how)
             elif str(message) not in shown:
                 shown.add(str(message))
@@ -202,43 +202,72 @@ def _log_to_stderr(verbose: int) -> Iterator[None]:
         logger.setLevel(level)
 
 
-class _Termination:
-    """Turns SIGTERM into Ctrl-C, which keeps what is finished, and says so."""
+class _Signals:
+    """Turns SIGINT and SIGTERM into KeyboardInterrupt, which keeps what is finished.
+
+    Attributes:
+        first: number of the one that came first; 0: none came.
+    """
 
     def __init__(self) -> None:
-        self.raised = False
-        self._previous: Any = None
+        self.first = 0
+        self._previous: dict[signal.Signals, Any] = {}
 
-    def __enter__(self) -> _Termination:
+    def __enter__(self) -> _Signals:
         if threading.current_thread() is threading.main_thread():
-            self._previous = signal.signal(signal.SIGTERM, self._note)
+            for number, noted in (
+                (signal.SIGTERM, self._terminated),
+                (signal.SIGINT, self._interrupted),
+            ):
+                # As Ctrl-C of a shell's job in the background.
+                if number is signal.SIGTERM or signal.getsignal(number) is not signal.SIG_IGN:
+                    self._previous[number] = signal.signal(number, noted)
         return self
 
-    def _note(self, number: int, frame: FrameType | None) -> None:
-        self.raised = True
+    def _interrupted(self, number: int, frame: FrameType | None) -> None:
+        self.first = self.first or number
+        raise KeyboardInterrupt
+
+    def _terminated(self, number: int, frame: FrameType | None) -> None:
+        self.first = self.first or number
         # Not by print: the signal may have come amid another one.
         os.write(2, b"vsr2: ended by SIGTERM\n")
         if signal.getsignal(signal.SIGINT) is signal.SIG_IGN:
-            # As of a shell's job in the background.
             raise KeyboardInterrupt
+        # Not raised here: what is running may have a way of its own to stop.
         signal.raise_signal(signal.SIGINT)
 
     def __exit__(self, *exception: object) -> None:
-        if self._previous is not None:
-            signal.signal(signal.SIGTERM, self._previous)
+        for number, previous in self._previous.items():
+            signal.signal(number, previous)
 
 
 def main(arguments: Sequence[str] | None = None) -> int:
     """Run the command line and return the exit code."""
-    with _Termination() as termination:
-        code = _main(arguments)
-    return 128 + signal.SIGTERM if termination.raised and code == 130 else code
+    with _Signals() as signals:
+        try:
+            code = _main(arguments)
+        except Exception:
+            # Native modules amid their import, and libraries, turn KeyboardInterrupt into theirs.
+            if not signals.first:
+                raise
+            code = None
+    if signals.first == signal.SIGTERM:
+        return TERMINATED
+    if code is None:
+        print("vsr2: interrupted", file=sys.stderr)
+    # 2 is an error that was made of KeyboardInterrupt.
+    return INTERRUPTED if code is None or (signals.first and code == 2) else code
 
 
-def _main(arguments: Sequence[str] | None) -> int:
+def _main(arguments: Sequence[str] | None) -> int | None:
+    """The exit code; None: interrupted, of which nothing is said yet."""
     try:
         launch, bound, _ = app.meta.parse_args(arguments, print_error=False, exit_on_error=False)
-        return int(launch(*bound.args, **bound.kwargs) or 0)
+        code = int(launch(*bound.args, **bound.kwargs) or 0)
+        # A signal while the interpreter ends must not take what was printed.
+        sys.stdout.flush()
+        return code
     except CycloptsError as error:
         command = " ".join(("vsr2", *(error.command_chain or ())))
         said = usage_error(error, command)
@@ -248,8 +277,7 @@ def _main(arguments: Sequence[str] | None) -> int:
         print(f"vsr2: {error}", file=sys.stderr)
         return 2
     except KeyboardInterrupt:
-        print("vsr2: interrupted", file=sys.stderr)
-        return 130
+        return None
     except BrokenPipeError:
         # The reader of our output went away, as in `vsr2 ... | head`.
         sys.stderr.close()

@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Callable, Iterator
 from pathlib import Path
-from typing import Annotated, Any, Literal
+from typing import TYPE_CHECKING, Annotated, Any, Literal
 
 from cyclopts import App, Parameter
 
@@ -20,6 +21,9 @@ from vsr2.cli.options import (
     target_file,
 )
 
+if TYPE_CHECKING:
+    from vsr2.config import Study as StudyFile
+
 Kind = Literal["study", "fragility", "calibration", "campaign"]
 """Kinds of YAML files."""
 
@@ -31,11 +35,11 @@ def check(study: Study, /, *, set: Settings = ()) -> int:
     """Read a study and all files that it names, and print it with all defaults.
 
     Reads meshes, records and campaigns, places the rock and applies the effects, as a run does
-    before its first trial. Takes studies of `vsr2 fragility` and `vsr2 calibrate`, too.
+    before its first trial, and names all that is wrong with these. Takes studies of
+    `vsr2 fragility` and `vsr2 calibrate`, too.
     """
-    from vsr2.config import dump_study
+    from vsr2.config import dump_study, load_study
     from vsr2.config.yaml_file import dump_yaml, read_yaml
-    from vsr2.simulation import check_trials, study_trials
 
     keys = read_yaml(study).data.keys()
     own: dict[str, Any] = {}
@@ -49,19 +53,74 @@ def check(study: Study, /, *, set: Settings = ()) -> int:
         load_campaign(campaign_folder(calibration))
         build_scene(calibration.study)
         loaded, own = calibration.study, calibration.own.model_dump(mode="json", exclude_none=True)
-    else:
-        if "fragility" in keys:
-            from vsr2.fragility import load_fragility
+    elif "fragility" in keys:
+        from vsr2.fragility import load_fragility
 
-            fragility = load_fragility(study, overrides=set)
-            loaded, own = fragility.study, fragility.own.model_dump(mode="json", exclude_none=True)
-        else:
-            loaded = scene(study, set)
-        check_trials(study_trials(loaded))
+        fragility = load_fragility(study, overrides=set)
+        loaded, own = fragility.study, fragility.own.model_dump(mode="json", exclude_none=True)
+        _check_trials(loaded)
+    else:
+        # Missing files are refused with whatever else is wrong.
+        loaded = load_study(study, overrides=set, check_files=False)
+        _check_trials(loaded, lambda: scene(study, set))
     print(dump_study(loaded), end="")
     if own:
         print(dump_yaml(own, flow_lists=True), end="")
     return 0
+
+
+def _check_trials(study: StudyFile, first: Callable[[], object] = int) -> None:
+    """Refuse a study that cannot be run, with all that is wrong with the files that it names.
+
+    Args:
+        study: whose files may be missing.
+        first: refuses it for what comes before its trials, such as missing files.
+
+    Raises:
+        Vsr2Error: what stops it.
+        ConfigError: that and what is wrong with its other files, one a line.
+    """
+    from vsr2.errors import ConfigError, Vsr2Error
+    from vsr2.simulation import check_trials, study_trials
+
+    try:
+        first()
+        check_trials(study_trials(study))
+    except Vsr2Error as error:
+        said = [str(error)]
+        for other in _damaged(study):
+            if not any(other in one for one in said):
+                said.append(other)
+        if len(said) == 1:
+            raise
+        raise ConfigError("\n".join(said)) from None
+
+
+def _damaged(study: StudyFile) -> Iterator[str]:
+    """What is wrong with the motions, the pedestal and the rock, each on its own.
+
+    Files that are missing are passed over, and so is all that does not name the body's own file.
+    """
+    from vsr2.errors import Vsr2Error
+    from vsr2.motion import build_motions
+    from vsr2.scene import build_scene
+
+    usual = type(study).model_fields["pedestal"].get_default(call_default_factory=True)
+    alone = study.model_copy(update={"pedestal": usual})
+    parts: tuple[tuple[object, Callable[[], object]], ...] = (
+        (study.motion, lambda: build_motions(study.motion, study.engine.time_step)),
+        (study.pedestal, lambda: build_scene(study)),
+        (study.rock, lambda: build_scene(alone)),
+    )
+    for part, build in parts:
+        path = getattr(part, "file", None) or getattr(part, "folder", None)
+        if path is None or not Path(path).exists():
+            continue
+        try:
+            build()
+        except Vsr2Error as error:
+            if Path(path).name in str(error):
+                yield str(error)
 
 
 @verbs.command

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 import time
+import warnings
 from collections.abc import Mapping
 from dataclasses import dataclass
 from numbers import Integral, Real
@@ -60,10 +61,14 @@ class ScheduleConstants:
 SCHEDULE = ScheduleConstants()
 
 
+class BudgetWarning(UserWarning):
+    """A budget is less than the least that a diagnosis does; the least is done all the same."""
+
+
 @checked_names(DiagnosisError)
 @dataclass(frozen=True)
 class Budget:
-    """What may be spent.
+    """What may be spent, but for a least that no budget cuts: the look and 150 campaigns.
 
     Attributes:
         minutes: of wall time, training and judging included.
@@ -137,6 +142,22 @@ class Budget:
         )
 
 
+def _warn(budget: str, least: float, judging: float, unit: str) -> None:
+    remedy = f"give {least} {unit} or more"
+    if judging:
+        remedy += (
+            f", or leave out how far the gap shrinks (--no-how-far, held_out=False), which takes "
+            f"about {judging} of them"
+        )
+    speed = "" if unit == "simulations" else ", at the speed so far"
+    warnings.warn(
+        f"a budget of {budget} {unit} is too little: the least that a diagnosis of these trials "
+        f"does takes about {least}{speed}, and is done all the same; {remedy}",
+        BudgetWarning,
+        stacklevel=4,
+    )
+
+
 class Stopwatch:
     """Time that passed, and processor time of this process, since it was made."""
 
@@ -183,6 +204,7 @@ class Schedule:
         self._cache = cache
         self._watch = watch
         self._training = SCHEDULE.training_s
+        self._library, self._trials = library, trials
         self._wanted = SCHEDULE.wanted * len(library)
         allowed = self.allowed()
         self.among, self.plain = trials, LOOK.plain
@@ -230,6 +252,40 @@ class Schedule:
         return int(min(max(left // self._wanted, SCHEDULE.least_trials), responding))
 
     @property
+    def least(self) -> int:
+        """Simulations that are asked for, however small the budget.
+
+        Trials that lift off are not known before the look, so all count.
+        """
+        among, tried, plain = self._budget.look or (
+            min(self._trials, SCHEDULE.least_trials), LOOK.fewest, LOOK.fewest_plain
+        )  # fmt: skip
+        look = plain * among + tries(self._library) * tried
+        campaigns = SCHEDULE.fewest * min(SCHEDULE.least_trials, among)
+        return look + campaigns + self._judging(among)
+
+    def warn_of_too_little(self) -> None:
+        """Say, before the work, that the budget is less than the least.
+
+        Simulations that earlier runs left cost nothing.
+        """
+        among = min(self._trials, SCHEDULE.least_trials)
+        judged = judging(among) if self._budget.held_out else 0
+        if self._budget.campaigns is not None:
+            return
+        if self._budget.simulations is not None:
+            if self.least > self._budget.simulations:
+                _warn(f"{self._budget.simulations}", self.least, judged, "simulations")
+            return
+        cost = self._rate * self._cache.cost / 60
+        training = self._rate * self._retraining_s(SCHEDULE.fewest) / 60
+        left = max(self.least - self._cache.size, 0) * cost + training
+        if self.spent_s / 60 + left > self._total_s / 60:
+            least = math.ceil(self.spent_s / 6 + 10 * left) / 10
+            unit = "min" if self._budget.cpu_minutes is None else "min of processor time"
+            _warn(f"{self._total_s / 60:.3g}", least, round(judged * cost, 1), unit)
+
+    @property
     def spent_s(self) -> float:
         """Time since the start, as the budget counts it [s]."""
         return self._watch.wall_s if self._budget.cpu_minutes is None else self._watch.cpu_s
@@ -258,9 +314,9 @@ class Schedule:
         times = 1 + (HELD_OUT.groups if self._budget.waterfall else 0)
         return times * self._training * campaigns
 
-    def _judging(self) -> int:
-        """Simulations that judging asks for."""
-        trials = self._judged
+    def _judging(self, trials: int | None = None) -> int:
+        """Simulations that judging asks for; `trials`: that are judged."""
+        trials = self._judged if trials is None else trials
         again = judging(trials) if self._budget.held_out else 0
         again += waterfall_simulations(trials) if self._budget.waterfall else 0
         return again + NOISE_FLOOR.runs * min(trials, NOISE_FLOOR.most_trials)

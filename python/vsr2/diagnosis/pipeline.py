@@ -111,6 +111,7 @@ def diagnose_with(
         # One simulation of every trial tells what they cost.
         store.run([Request(i, (), 1, 1) for i in range(len(seen))])
         schedule = Schedule(budget, store, len(seen), simulator.library, watch)
+        schedule.warn_of_too_little()
         work = _Work(store, seen, schedule, kept, question, report)
         seen_look = work.look()
         responding = _responding(seen_look, campaign.name, (schedule.among, len(seen)))

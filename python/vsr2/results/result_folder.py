@@ -113,7 +113,8 @@ def prepare_folder(
     if present and not overwrite:
         raise ResultError(
             f"{path}: already holds a result ({present[0].name} and {len(present) - 1} more "
-            "files); choose another folder, or overwrite it"
+            "files); replace it with `--overwrite`, choose another folder by `--out`, or, if it is "
+            "of the same study, go on with `--resume`"
         )
     refuse_written(path / JOURNAL_FILE)
     _remove(present)

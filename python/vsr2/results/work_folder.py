@@ -42,7 +42,7 @@ def prepare_work_folder(
         if present and not (overwrite or resume):
             raise ResultError(
                 f"{path}: already holds {what}; go on with `--resume`, replace it with "
-                "`--overwrite`, or choose another folder"
+                "`--overwrite`, or choose another folder by `--out`"
             )
         below = {
             str(parent)

@@ -153,7 +153,8 @@ def contact_notes(body: RockBody, contact: Contact, engine: Engine) -> list[Stat
     out = []
     depth = body.mass.mass * engine.gravity / (CONTACT_POINTS * stiffness)
     if depth > NOTES.deep_start:
-        out.append(Statement.of(SceneNote.SOFT_CONTACT, depth=depth, stiffness=stiffness))
+        values = {"mass": body.mass.mass, "depth": depth, "stiffness": stiffness}
+        out.append(Statement.of(SceneNote.SOFT_CONTACT, **values))
     step = engine.time_step / engine.substeps
     undone = step * stiffness / (step * stiffness + damping)
     if restitution > 0 and restitution + undone > 1:

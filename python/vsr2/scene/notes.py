@@ -14,7 +14,8 @@ class SceneWarning(UserWarning):
 class SceneNote(Code):
     """What was changed of a body, or should be known; `vsr2.report.messages.data` words it.
 
-    Lengths, heights and positions are in [m], volumes in [m^3], moments in [kg m^2].
+    Lengths, heights and positions are in [m], volumes in [m^3], masses in [kg], moments in
+    [kg m^2].
     """
 
     MERGED_VERTICES = "merged_vertices", {"file": str, "count": int, "tolerance": float}
@@ -35,7 +36,7 @@ class SceneNote(Code):
     BESIDE_PEDESTAL = "beside_pedestal", {"x": float, "y": float}
     ABOVE_PEDESTAL = "above_pedestal", {"height": float}
     INSIDE_PEDESTAL = "inside_pedestal", {"depth": float}
-    SOFT_CONTACT = "soft_contact", {"depth": float, "stiffness": float}
+    SOFT_CONTACT = "soft_contact", {"mass": float, "depth": float, "stiffness": float}
     LIVELY_CONTACT = "lively_contact", {"restitution": float, "undone": float, "step": float}
 
 
@@ -44,9 +45,10 @@ WARNINGS: Mapping[str, str] = {
         "{file}: {length:.4g} m long; if its unit is not the metre, set `scale`"
     ),
     SceneNote.SOFT_CONTACT: (
-        "contact: the rock's weight presses it at least {depth:.3g} m into the pedestal, whose "
-        "contact points have {stiffness:.3g} N/m; raise contact.rock.stiffness and "
-        "contact.pedestal.stiffness"
+        "contact: the rock of {mass:.4g} kg presses itself at least {depth:.3g} m into the "
+        "pedestal, whose contact points have {stiffness:.3g} N/m. If it is lighter, mend its "
+        "density or its unit: a mesh in millimetres needs `scale: 0.001`. If not, raise "
+        "contact.rock.stiffness and contact.pedestal.stiffness"
     ),
     SceneNote.LIVELY_CONTACT: (
         "contact: impacts may gain energy, because the pair's restitution of {restitution:.3g} and "
