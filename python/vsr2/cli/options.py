@@ -213,7 +213,7 @@ def exit_code(result: BatchResult) -> int:
     return 0 if set(result["status"]) <= {Status.ok} else 1
 
 
-def is_whole(folder: Path, *, npy: bool, remake: bool = True) -> bool:
+def has_all_logs(folder: Path, *, npy: bool, remake: bool = True) -> bool:
     """Whether a finished result has its logs; one that lost some is made ready to go on.
 
     Args:

@@ -77,7 +77,7 @@ def _run_all(
     folder = options.folder(study.name)
     again = (options.resume or merge) and not options.overwrite
     finished = again and finished_plan(folder) == plan_sha256(trials)
-    if finished and opt.is_whole(folder, npy=study.output.npy, remake=not merge):
+    if finished and opt.has_all_logs(folder, npy=study.output.npy, remake=not merge):
         return opt.nothing_to_do(folder, quiet=options.quiet)
     scene = trials[0].scene
     facts: dict[str, Any] = {"study": study.model_dump(mode="json")}

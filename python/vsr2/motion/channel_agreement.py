@@ -102,8 +102,8 @@ def check_acceleration(name: str, time_step: float, velocity: Array, acceleratio
         apart -= offset * time
         beyond = abs(offset) > AGREEMENT.offset * float(np.abs(acceleration).max())
         own = float(np.square(change).sum())
-        shared = own - float((change * apart).sum())
-    if beyond or not own / AGREEMENT.gain < shared < own * AGREEMENT.gain:
+        projected = own - float((change * apart).sum())
+    if beyond or not own / AGREEMENT.gain < projected < own * AGREEMENT.gain:
         raise MotionError(
             f"motion {name!r}: velocity and acceleration contradict each other: rms about the mean "
             f"{length(change) / root:.3g} m/s against {length(integral) / root:.3g} m/s of the "

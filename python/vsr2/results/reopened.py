@@ -39,10 +39,10 @@ def lost_logs(folder: str | os.PathLike[str], *, npy: bool = False) -> list[int]
         ResultError: as :func:`vsr2.results.load_result` without logs.
     """
     path = Path(folder)
-    return [trial for trial in logged_trials(path) if not _is_whole(path, trial, npy)]
+    return [trial for trial in logged_trials(path) if not _is_sound(path, trial, npy)]
 
 
-def _is_whole(folder: Path, trial: int, npy: bool) -> bool:
+def _is_sound(folder: Path, trial: int, npy: bool) -> bool:
     try:
         log = load_trial_log(folder, trial)
         if not npy:
