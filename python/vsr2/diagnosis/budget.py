@@ -19,6 +19,7 @@ from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.library import Library
 from vsr2.ensemble.simulated.look import LOOK, most_tried, tries
 from vsr2.errors import DiagnosisError
+from vsr2.one_line import OnlyGiven
 
 
 @dataclass(frozen=True)
@@ -61,8 +62,8 @@ SCHEDULE = ScheduleConstants()
 
 
 @checked_names(DiagnosisError)
-@dataclass(frozen=True)
-class Budget:
+@dataclass(frozen=True, repr=False)
+class Budget(OnlyGiven):
     """What may be spent.
 
     Attributes:

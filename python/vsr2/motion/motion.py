@@ -53,7 +53,7 @@ _OWN = (*CHANNELS, "_deferred", "sha256")
 """What a motion that refers to another's samples does not take over."""
 
 
-@checked_names(MotionError)
+@checked_names(MotionError, {"dt": "time_step"})
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(OneLine, ReadOnlyArrays):
     """A pedestal motion along x, sampled at the simulation's time step.
@@ -176,7 +176,7 @@ class Motion(OneLine, ReadOnlyArrays):
         return {name: getattr(self, name) for name in names}
 
     @classmethod
-    @checked_names(MotionError)
+    @checked_names(MotionError, {"dt": "interval"})
     def from_acceleration(
         cls,
         acceleration: ArrayLike,
@@ -222,20 +222,20 @@ class Motion(OneLine, ReadOnlyArrays):
             baseline: likewise.
 
         Raises:
-            MotionError: several channels, a gap, or what :class:`Record` refuses.
+            MotionError: several channels, a gap, an overlap, or what :class:`Record` refuses.
         """
         from vsr2.motion.seismology import one_trace
         from vsr2.motion.signal_motion import from_signal
 
-        label, interval, data = one_trace(stream)
+        trace = one_trace(stream)
         return from_signal(
-            data,
-            interval,
+            trace.data,
+            trace.interval,
             units,
             time_step=time_step,
             filter=filter,
             baseline=baseline,
-            name=label,
+            name=trace.name,
         )
 
     def plot(self) -> Figure:
