@@ -10,10 +10,14 @@ from typing import Any, TypeVar
 from vsr2.errors import Renamed, Vsr2Error
 from vsr2.near_words import nearest
 
+NONE_ELSEWHERE: Mapping[str, str] = {}
+
 C = TypeVar("C", bound=Callable[..., Any])
 
 
-def checked_names(error: type[Vsr2Error]) -> Callable[[C], C]:
+def checked_names(
+    error: type[Vsr2Error], elsewhere: Mapping[str, str] = NONE_ELSEWHERE
+) -> Callable[[C], C]:
     """Decorator of a class, method or function: its error names the argument that is meant.
 
     Python's own error for an unknown keyword names none, and that for a missing argument is none of
@@ -22,6 +26,7 @@ def checked_names(error: type[Vsr2Error]) -> Callable[[C], C]:
 
     Args:
         error: raised where a keyword is no argument.
+        elsewhere: what other libraries call an argument, with its name here.
     """
 
     def decorated(of: C) -> C:
@@ -36,7 +41,7 @@ def checked_names(error: type[Vsr2Error]) -> Callable[[C], C]:
         def checked(*args: Any, **named: Any) -> Any:
             if not named.keys() <= known:
                 name = next(name for name in named if name not in known)
-                raise error(f"{of.__name__}({name}=...): {_meant(of, name, own)}")
+                raise error(f"{of.__name__}({name}=...): {_meant(of, name, own, elsewhere)}")
             try:
                 return taken(*args, **named)
             except TypeError:
@@ -67,10 +72,12 @@ def _missing(
     return None
 
 
-def _meant(of: Callable[..., Any], name: str, known: list[str]) -> str:
+def _meant(
+    of: Callable[..., Any], name: str, known: list[str], elsewhere: Mapping[str, str]
+) -> str:
     gone = getattr(of, name, None)
     if isinstance(gone, Renamed) and gone.name in known:
         return f"is gone; use {gone.now}"
-    near = nearest(name, known)
+    near = elsewhere.get(name) or nearest(name, known)
     hint = f"did you mean `{near}`?" if near else f"known are {', '.join(known)}"
     return f"is no argument; {hint}"

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from abc import abstractmethod
 from collections.abc import Mapping
+from dataclasses import MISSING, fields
 
 
 class OneLine:
@@ -30,6 +31,20 @@ class OneLine:
         return ", ".join(
             f"{name}={_shown(value)}" for name, value in self.facts.items() if value is not None
         )
+
+
+class OnlyGiven:
+    """Base of settings, dataclasses with `repr=False`, whose `repr` leaves out the defaults."""
+
+    def __repr__(self) -> str:
+        given = []
+        for field in fields(self):  # type: ignore[arg-type]
+            made = field.default_factory
+            usual = field.default if made is MISSING else made()
+            value = getattr(self, field.name)
+            if value is not usual and value != usual:
+                given.append(f"{field.name}={value!r}")
+        return f"{type(self).__name__}({', '.join(given)})"
 
 
 def counted(number: int, what: str) -> str:

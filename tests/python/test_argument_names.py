@@ -18,7 +18,8 @@ from vsr2.diagnosis import Budget, iterate
 from vsr2.ensemble import Execution, Hypotheses
 from vsr2.errors import CampaignError, DiagnosisError, MotionError, Renamed, Vsr2Error
 from vsr2.fragility import run_fragility
-from vsr2.motion import Motion, Record, read_record, response_spectrum
+from vsr2.motion import Motion, Record, from_signal, read_record, response_spectrum
+from vsr2.scene.mesh import mesh_from_arrays
 
 PUBLIC: list[Any] = [getattr(vsr2, name) for name in vsr2.__all__]
 PUBLIC = [one for one in PUBLIC if callable(one) and one not in (vsr2.Study, vsr2.Diagnosis)]
@@ -58,7 +59,15 @@ def test_what_is_said(call: Callable[[], Any], error: type[Vsr2Error], said: str
     ("call", "said"),
     [
         (lambda: Motion.from_acceleration([0.0], dt=0.01),
-         "from_acceleration(dt=...): is no argument; known are acceleration, interval, units"),
+         "from_acceleration(dt=...): is no argument; did you mean `interval`?"),
+        (lambda: from_signal([0.0], dt=0.01), "is no argument; did you mean `interval`?"),
+        (lambda: Motion(dt=0.01), "Motion(dt=...): is no argument; did you mean `time_step`?"),
+        (lambda: Motion.from_acceleration([0.0], zzz=1), "known are acceleration, interval, units"),
+        (lambda: vsr2.apply_effects(object.__new__(vsr2.Trial), {}), "got one Trial; give a list"),
+        (lambda: vsr2.run_batch({"rock": {}}), "`vsr2.Study.from_dict(mapping)` makes a study"),
+        (lambda: mesh_from_arrays("x.obj"), "is of type str; for a mesh in a file, name it in the"),
+        (lambda: vsr2.hazard.read_hazard_curve("no.csv"), "no.csv: cannot be read (No such file"),
+        (lambda: vsr2.hazard.read_lognormal("no", "pga_g"), "cannot be read (No such file"),
         (lambda: Motion.from_acceleration([0.0], 0.01, unit="g"), "did you mean `units`?"),
         (lambda: Motion.from_obspy(None), "from_obspy: `units` is missing; give it"),
         (lambda: vsr2.build_scene("b.yaml"), "build_scene: got 'b.yaml', a str; give a Study"),
@@ -75,6 +84,19 @@ def test_calls_that_read_like_another_librarys(call: Callable[[], Any], said: st
     with pytest.raises(Vsr2Error) as raised:
         call()
     assert said in str(raised.value)
+
+
+@pytest.mark.parametrize("of", [*PUBLIC, *MORE], ids=lambda one: one.__name__)
+def test_a_signature_can_be_read(of: Callable[..., Any]) -> None:
+    text = str(inspect.signature(of))
+    assert " at 0x" not in text
+    assert len(text) < 1000
+
+
+def test_settings_show_what_is_given() -> None:
+    assert (repr(Budget()), repr(Hypotheses())) == ("Budget()", "Hypotheses()")
+    assert repr(Budget(minutes=2.0, waterfall=True)) == "Budget(minutes=2.0, waterfall=True)"
+    assert repr(Execution(threads=2)) == "Execution(threads=2)"
 
 
 @pytest.mark.parametrize(("name", "near"), [("runbatch", "run_batch"), ("simulaton", "simulation")])

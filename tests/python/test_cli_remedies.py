@@ -16,6 +16,7 @@ import vsr2
 from vsr2.cli.main import main
 from vsr2.ensemble import Hypotheses
 from vsr2.errors import DiagnosisError
+from vsr2.results import lost_logs
 
 STUDY = """\
 name: block
@@ -58,6 +59,50 @@ def test_resuming_a_finished_run_is_success_with_nothing_to_do(
     for option in ("--overwrite", "--resume", "--out"):
         assert f"`{option}`" in refused
     assert run("run", study, "--out", out) == 2
+
+
+GRID = (
+    "motion.mode=grid_cosine",
+    "motion.pga_g={min: 0.1, max: 0.2, step: 0.1}",
+    "motion.pgv_pga={min: 0.1, max: 0.2, step: 0.1}",
+    "output.npy=true",
+)
+
+
+def test_logs_that_a_finished_run_lost_are_made_again(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "out"
+    line = ("run", study, "--out", out, *(f"--set={one}" for one in GRID))
+    assert run(*line, "--quiet") == 0
+    logs = [out / "logs" / f"{trial:06d}.npz" for trial in range(4)]
+    rows = [out / "npy" / f"{trial:06d}.npy" for trial in range(4)]
+    files = [*logs, *rows, out / "trials.csv"]
+    before = [file.read_bytes() for file in files]
+    kept = logs[3].stat().st_mtime_ns
+    logs[0].unlink()
+    os.truncate(logs[1], 1000)
+    flipped = bytearray(before[2])
+    flipped[len(flipped) // 2] ^= 1
+    logs[2].write_bytes(flipped)
+    assert lost_logs(out, npy=True) == [0, 1, 2]
+    assert run(*line, "--merge") == 2
+    assert (
+        f"{out}: the logs of 3 trials are gone or damaged, the first is that of trial 0; make them "
+        "again by --resume in place of --merge"
+    ) in capsys.readouterr().err
+    assert run(*line, "--resume") == 0
+    assert "nothing to do" not in capsys.readouterr().out
+    assert [file.read_bytes() for file in files] == before
+    assert logs[3].stat().st_mtime_ns == kept
+    assert not (out / "journal.jsonl").exists()
+    rows[3].unlink()
+    assert lost_logs(out) == []
+    assert run(*line, "--resume") == 0
+    assert [file.read_bytes() for file in files] == before
+    capsys.readouterr()
+    assert run(*line, "--resume") == 0
+    assert "nothing to do" in capsys.readouterr().out
 
 
 def test_resuming_a_run_with_untrustworthy_trials_has_their_exit_code(

@@ -28,6 +28,16 @@ def refusal(**sections):
     return str(caught.value)
 
 
+def test_one_line_says_what_a_study_is():
+    study = build(name="a" * 40, effects={"wear": {"loss": 0.1}})
+    assert repr(study) == (
+        f"<Study: name='{'a' * 40}', rock='box', motion='single_cosine', engine='auto', effects=1>"
+    )
+    assert len(repr(study)) <= 120
+    assert study._repr_html_().startswith("<b>Study</b>: name=&#39;aaa")
+    assert "effects" not in repr(build())
+
+
 def test_modes_of_the_engine_are_those_of_the_core():
     modes = list(EngineKind.__members__)
     assert list(get_args(EngineMode)) == modes

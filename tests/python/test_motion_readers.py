@@ -11,6 +11,7 @@ from hypothesis import strategies as st
 from vsr2.errors import MotionError
 from vsr2.motion import (
     STANDARD_GRAVITY,
+    Motion,
     Record,
     build_recorded_motion,
     cosine_motion,
@@ -318,6 +319,20 @@ def save(stream, path, format):
     with warnings.catch_warnings():
         warnings.simplefilter("ignore")
         stream.write(str(path), format=format)
+
+
+@needs_obspy
+def test_traces_that_overlap_are_no_gap():
+    rise = np.arange(100.0)
+    one, other = trace(rise), trace(rise)
+    other.stats.starttime += 0.9
+    with pytest.raises(MotionError, match="traces overlap by 10 and differ there"):
+        Motion.from_obspy(stream(one, other), "m/s^2")
+    other.stats.starttime += 0.2
+    with pytest.raises(MotionError, match=r"10 samples are missing \(a gap\)"):
+        Motion.from_obspy(stream(one, other), "m/s^2")
+    with pytest.raises(MotionError, match="holds no trace"):
+        Motion.from_obspy(stream(), "m/s^2")
 
 
 KNET = """\

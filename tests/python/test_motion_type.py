@@ -112,6 +112,59 @@ def test_channels_with_noise_do_not_contradict_each_other():
     assert made.size == 500
 
 
+def swaying(amplitude=0.05, frequency=1.0, step=0.001, seconds=20):
+    """Displacement, velocity and acceleration of a sine, differentiated from sample to sample."""
+    time = np.arange(round(seconds / step) + 1) * step
+    displacement = amplitude * np.sin(2 * np.pi * frequency * time)
+    velocity = np.gradient(displacement, step)
+    return displacement, velocity, np.gradient(velocity, step)
+
+
+@pytest.mark.parametrize("factor", [9.81, 1 / 9.81, -1.0, 0.1, 0.0])
+def test_an_acceleration_of_another_unit_or_sign_is_refused(factor):
+    displacement, velocity, acceleration = swaying()
+    changes = {"displacement": displacement, "velocity": velocity}
+    with pytest.raises(MotionError, match="velocity and acceleration contradict each other"):
+        motion(**changes, acceleration=factor * acceleration)
+
+
+@pytest.mark.parametrize("shape", [np.ones, lambda n: np.sin(np.linspace(0, 60, n))])
+def test_an_acceleration_of_what_rests_is_refused(shape):
+    rest = np.zeros(20_001)
+    with pytest.raises(MotionError, match=r"0 m/s against .*acceleration's integral; check units"):
+        motion(displacement=rest, velocity=rest, acceleration=10 * shape(rest.size))
+
+
+def test_an_acceleration_with_the_errors_of_a_record_is_taken():
+    displacement, velocity, acceleration = swaying()
+    noise = np.random.default_rng(0).normal(size=displacement.size)
+    changes = {"displacement": displacement, "velocity": velocity}
+    # What a high-pass filter on the velocity has taken off.
+    slow = 0.3 * np.sin(np.linspace(0, 2 * np.pi, displacement.size))
+    # A sensor that leans, white noise of a quarter of the peak, another gain.
+    for wrong in (
+        acceleration + 0.1,
+        acceleration + 0.5 * noise,
+        1.5 * acceleration,
+        acceleration + slow,
+    ):
+        assert motion(**changes, acceleration=wrong).size == displacement.size
+    # A lean that is half of the peak is no error of a sensor.
+    with pytest.raises(MotionError, match="velocity and acceleration contradict"):
+        motion(**changes, acceleration=acceleration + 2.0)
+
+
+def test_a_table_at_steady_speed_has_an_acceleration_of_noise():
+    time = np.arange(2001) * 1e-3
+    displacement = 0.1 * time
+    velocity = np.gradient(displacement, 1e-3)
+    noise = 1e-3 * np.random.default_rng(0).normal(size=time.size)
+    for acceleration in (np.zeros(time.size), noise):
+        assert motion(
+            displacement=displacement, velocity=velocity, acceleration=acceleration
+        ).pgv == pytest.approx(0.1)
+
+
 @given(factor=st.floats(-100, 100).filter(lambda value: abs(value) > 1e-3))
 def test_scaling_scales_every_measure_and_keeps_the_ratio(factor):
     pulse = cosine_motion(0.02, 3.0, 0.001)

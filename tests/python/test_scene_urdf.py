@@ -94,6 +94,23 @@ def test_a_mesh_that_is_named_often_is_read_once(
     assert model.parts[199].points[:, 0].min() == pytest.approx(198.75)
 
 
+def test_copies_of_a_mesh_at_one_pose_share_their_hulls(tmp_path: Path) -> None:
+    box = trimesh.creation.box(extents=(0.5, 1.0, 1.5))
+    for name in ("box.obj", "copy.obj"):
+        box.export(tmp_path / name)
+    named = [
+        f'<collision><origin xyz="{x} 0 0"/><geometry><mesh filename="{name}" scale="{scale}"/>'
+        "</geometry></collision>"
+        for x, scale in ((0, "1 1 1"), (1, "1 1 1"), (0, "2 2 2"))
+        for name in ("box.obj", "./box.obj", "copy.obj")
+    ]
+    parts = load_urdf(urdf(tmp_path, INERTIAL + "".join(named))).parts
+    assert len(parts) == 9
+    assert [parts.index(part) for part in parts] == [0, 0, 0, 3, 3, 3, 6, 6, 6]
+    alone = load_urdf(urdf(tmp_path, INERTIAL + named[8])).parts[0]
+    np.testing.assert_array_equal(parts[8].points, alone.points)
+
+
 @pytest.mark.parametrize("way", ["absolute", "above", "link", "uri"])
 def test_a_mesh_outside_the_urdfs_folder_is_refused(way: str, tmp_path: Path) -> None:
     folder = tmp_path / "rock"

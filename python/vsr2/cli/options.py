@@ -213,6 +213,29 @@ def exit_code(result: BatchResult) -> int:
     return 0 if set(result["status"]) <= {Status.ok} else 1
 
 
+def has_all_logs(folder: Path, *, npy: bool, remake: bool = True) -> bool:
+    """Whether a finished result has its logs; one that lost some is made ready to go on.
+
+    Args:
+        folder: of the result.
+        npy: whether the original's rows belong to it.
+        remake: whether trials may be run.
+
+    Raises:
+        ResultError: logs are lost and no trials may be run, or the result cannot be read.
+    """
+    from vsr2.errors import ResultError
+    from vsr2.report.messages.commands import merged_logs_lost
+    from vsr2.results import lost_logs, reopen_result
+
+    lost = lost_logs(folder, npy=npy)
+    if lost and not remake:
+        raise ResultError(merged_logs_lost(folder, lost))
+    if lost:
+        reopen_result(folder, lost)
+    return not lost
+
+
 def nothing_to_do(folder: Path, *, quiet: bool) -> int:
     """Say that a folder holds the finished result that is asked for; returns its exit code."""
     from vsr2.report.messages.commands import finished_before

@@ -76,7 +76,8 @@ def _run_all(
 
     folder = options.folder(study.name)
     again = (options.resume or merge) and not options.overwrite
-    if again and finished_plan(folder) == plan_sha256(trials):
+    finished = again and finished_plan(folder) == plan_sha256(trials)
+    if finished and opt.has_all_logs(folder, npy=study.output.npy, remake=not merge):
         return opt.nothing_to_do(folder, quiet=options.quiet)
     scene = trials[0].scene
     facts: dict[str, Any] = {"study": study.model_dump(mode="json")}

@@ -43,6 +43,7 @@ from vsr2.config.section import (
     inapplicable,
 )
 from vsr2.config.study_effects import Effects
+from vsr2.one_line import OneLine
 
 MAX_SWEEPS_A_STEP = 1_000_000
 """Most solver sweeps of one time step: some tenths of a second."""
@@ -426,7 +427,7 @@ def _completed(given: object, values: Mapping[str, Any]) -> object:
     return {**given, **added}
 
 
-class Study(Section):
+class Study(OneLine, Section):
     """Everything `vsr2 run` needs."""
 
     name: Annotated[str, Field(pattern=r"^[A-Za-z0-9][A-Za-z0-9._ -]*$", max_length=100)] = "study"
@@ -463,6 +464,12 @@ class Study(Section):
         from vsr2.config.load import study_from_mapping  # which knows the study
 
         return study_from_mapping(mapping, base)
+
+    @property
+    def facts(self) -> Mapping[str, object]:
+        """Its name, kinds of rock, motion and engine, and the number of its effects."""
+        kinds = {"rock": self.rock.shape, "motion": self.motion.mode, "engine": self.engine.mode}
+        return {"name": self.name, **kinds, "effects": len(self.effects) or None}
 
     @model_validator(mode="before")
     @classmethod

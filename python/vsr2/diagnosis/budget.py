@@ -20,6 +20,7 @@ from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.library import Library
 from vsr2.ensemble.simulated.look import LOOK, most_tried, tries
 from vsr2.errors import DiagnosisError
+from vsr2.one_line import OnlyGiven
 
 
 @dataclass(frozen=True)
@@ -66,8 +67,8 @@ class BudgetWarning(UserWarning):
 
 
 @checked_names(DiagnosisError)
-@dataclass(frozen=True)
-class Budget:
+@dataclass(frozen=True, repr=False)
+class Budget(OnlyGiven):
     """What may be spent, but for a least that no budget cuts: the look and 150 campaigns.
 
     Attributes:

@@ -155,7 +155,7 @@ def iterate(
     *,
     asked: Asked = ASKED,
     most: int | None = None,
-    finished: Callable[[Diagnosis, Study, Path], object] = lambda found, study, folder: None,
+    finished: Callable[[Diagnosis, Study, Path], object] | None = None,
 ) -> Iteration:
     """Diagnose a campaign, correct the scene by what is named, and diagnose again.
 
@@ -170,7 +170,7 @@ def iterate(
         asked: of each round.
         most: rounds; None: `ScheduleConstants.rounds`.
         finished: called with the diagnosis, the scene and the folder of a round that was run; the
-            round counts as finished afterwards.
+            round counts as finished afterwards. None: nobody.
 
     Returns:
         The rounds.
@@ -215,7 +215,7 @@ def _round(
     campaign: Campaign,
     study: Study,
     folder: Path,
-    finished: Callable[[Diagnosis, Study, Path], object],
+    finished: Callable[[Diagnosis, Study, Path], object] | None,
     asked: Asked,
     *,
     first: bool,
@@ -229,7 +229,8 @@ def _round(
         # The rounds before may have named other effects: then it is of another scene.
         (folder / FILE).unlink(missing_ok=True)
     found = diagnose(campaign, study, out=folder, **vars(asked))
-    finished(found, study, folder)
+    if finished is not None:
+        finished(found, study, folder)
     # Last of all, so that what counts as finished is.
     content = json.loads((folder / FILE).read_text(encoding="utf-8"))
     content["provenance"]["asked"] = digest

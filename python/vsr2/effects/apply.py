@@ -115,6 +115,8 @@ def apply_effects(
             lists of another length than the trials.
         GeometryError, MotionError, SimulationError: an effect cannot be applied to a trial.
     """
+    if isinstance(trials, Trial):
+        raise SimulationError("apply_effects: got one Trial; give a list, `[trial]`")
     wanted, seed = chosen(effects), checked_seed(seed, ConfigError)
     changed = with_effects(
         trials, wanted, relative_order=relative_order, sessions=sessions, seed=seed

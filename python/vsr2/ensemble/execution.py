@@ -18,6 +18,7 @@ from vsr2.ensemble.protocol_cache import SIMULATIONS, ProtocolCache
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.errors import DiagnosisError
+from vsr2.one_line import OnlyGiven
 
 if TYPE_CHECKING:
     import distributed
@@ -75,8 +76,8 @@ Report = Callable[[Progress], None]
 
 
 @checked_names(DiagnosisError)
-@dataclass(frozen=True)
-class Execution:
+@dataclass(frozen=True, repr=False)
+class Execution(OnlyGiven):
     """How work on a campaign runs, none of which changes what it finds.
 
     Attributes:

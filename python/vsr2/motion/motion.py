@@ -16,8 +16,9 @@ from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import Filter, RecordUnits
 from vsr2.config.section import DEFAULT_TIME_STEP
 from vsr2.errors import MotionError, Renamed
+from vsr2.motion.channel_agreement import check_acceleration, check_displacement
 from vsr2.motion.motion_fields import check_fields
-from vsr2.motion.samples import Deferred, length, samples_of
+from vsr2.motion.samples import Deferred, samples_of
 from vsr2.motion.units import STANDARD_GRAVITY
 from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyArrays
@@ -52,7 +53,7 @@ _OWN = (*CHANNELS, "_deferred", "sha256")
 """What a motion that refers to another's samples does not take over."""
 
 
-@checked_names(MotionError)
+@checked_names(MotionError, {"dt": "time_step"})
 @dataclass(frozen=True, eq=False, repr=False)
 class Motion(OneLine, ReadOnlyArrays):
     """A pedestal motion along x, sampled at the simulation's time step.
@@ -62,7 +63,8 @@ class Motion(OneLine, ReadOnlyArrays):
         time_step: interval between samples [s].
         displacement: shape (n,) [m]; starts at 0.
         velocity: shape (n,) [m/s].
-        acceleration: shape (n,) [m/s^2]; a :class:`Deferred` of it is checked when it is made.
+        acceleration: shape (n,) [m/s^2]; a :class:`Deferred` of it is checked when it is made,
+            but not against the velocity, of whose curve it is the derivative.
         kind: "cosine" (motor drive follows position and velocity) or "recording" (position only),
             supplement S1.3.
         source: how it came about (parameters or file), for the provenance.
@@ -115,7 +117,9 @@ class Motion(OneLine, ReadOnlyArrays):
                 f"motion {self.name!r}: {_listed(kept)} have {_listed(sizes)} samples; they must "
                 "have the same number"
             )
-        self._check_channels_agree()
+        check_displacement(self.name, self.time_step, self.displacement, self.velocity)
+        if "_deferred" not in vars(self):
+            check_acceleration(self.name, self.time_step, self.velocity, self.acceleration)
         self._check_start_and_sides()
 
     if not TYPE_CHECKING:  # For which channels are fields and nothing else.
@@ -172,7 +176,7 @@ class Motion(OneLine, ReadOnlyArrays):
         return {name: getattr(self, name) for name in names}
 
     @classmethod
-    @checked_names(MotionError)
+    @checked_names(MotionError, {"dt": "interval"})
     def from_acceleration(
         cls,
         acceleration: ArrayLike,
@@ -218,20 +222,20 @@ class Motion(OneLine, ReadOnlyArrays):
             baseline: likewise.
 
         Raises:
-            MotionError: several channels, a gap, or what :class:`Record` refuses.
+            MotionError: several channels, a gap, an overlap, or what :class:`Record` refuses.
         """
         from vsr2.motion.seismology import one_trace
         from vsr2.motion.signal_motion import from_signal
 
-        label, interval, data = one_trace(stream)
+        trace = one_trace(stream)
         return from_signal(
-            data,
-            interval,
+            trace.data,
+            trace.interval,
             units,
             time_step=time_step,
             filter=filter,
             baseline=baseline,
-            name=label,
+            name=trace.name,
         )
 
     def plot(self) -> Figure:
@@ -256,28 +260,6 @@ class Motion(OneLine, ReadOnlyArrays):
         for k, factor in enumerate(factors):
             samples = np.multiply(samples, factor, out=samples if k else None)
         return samples
-
-    def _check_channels_agree(self) -> None:
-        """Refuse displacement and velocity of which one is nil, or of another sign or unit.
-
-        The velocity's integral and the displacement are refused where the square of their distance
-        is no less than the product of their lengths: where one is 2.6 times the other, and where
-        they are of equal length, at an angle of 60 degrees. Noise, and the way of differentiating,
-        are far from that.
-        """
-        rates = self.velocity
-        with np.errstate(over="ignore", invalid="ignore"):
-            change = self.displacement[1:] - self.displacement[0]
-            integral = np.cumsum(0.5 * (rates[1:] + rates[:-1]) * self.time_step)
-            lengths = length(change), length(integral)
-            apart = length(change - integral)
-        if max(lengths) > 0 and apart**2 >= lengths[0] * lengths[1]:
-            root = math.sqrt(self.size)
-            raise MotionError(
-                f"motion {self.name!r}: displacement and velocity contradict each other: rms "
-                f"{lengths[0] / root:.3g} m against {lengths[1] / root:.3g} m of the velocity's "
-                "integral; check units and signs, or differentiate the displacement"
-            )
 
     def _check_start_and_sides(self) -> None:
         held, factors = self._origin

@@ -6,7 +6,7 @@ import io
 import warnings
 from importlib import import_module
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 
@@ -51,7 +51,7 @@ def read_obspy(
                 f"{path}: not a readable {format} file ({type(error).__name__}: "
                 f"{str(error)[:200]}); export it again"
             ) from None
-    _, interval, data = _only(traces, str(path), "write each to a file of its own")
+    _, interval, data, _ = _only(traces, str(path), "write each to a file of its own")
     with np.errstate(all="ignore"):  # Record refuses what does not fit and names the sample
         try:
             values = size * np.asarray(data, dtype=np.float64)
@@ -62,15 +62,23 @@ def read_obspy(
     return file_record(path, content, interval, {quantity: values})
 
 
-Samples = tuple[str, float, Any]
-"""Id, sampling interval [s] and samples of a trace."""
+class Samples(NamedTuple):
+    """Id, sampling interval [s] and samples of a trace.
+
+    `overlapping` is the number of samples that two traces state, when they were one.
+    """
+
+    name: str
+    interval: float
+    data: Any
+    overlapping: int = 0
 
 
 def one_trace(stream: Any) -> Samples:
     """Id, sampling interval [s] and samples (n,) of an obspy Trace, or a Stream of one channel.
 
     Raises:
-        MotionError: neither of these, several channels, or a gap.
+        MotionError: neither of these, several channels, a gap, or traces that overlap and differ.
     """
     given = [stream] if hasattr(stream, "stats") else stream
     if not hasattr(given, "merge"):
@@ -85,28 +93,40 @@ def one_trace(stream: Any) -> Samples:
 
 
 def _merged(stream: Any) -> list[Samples]:
+    # The last of what it says of a gap is the number of samples, below 0 where traces overlap.
+    overlapping = sum(max(0, -int(gap[-1])) for gap in stream.get_gaps())
     stream.merge()
-    return [_samples(trace) for trace in stream]
+    return [_samples(trace)._replace(overlapping=overlapping) for trace in stream]
 
 
 def _samples(trace: Any) -> Samples:
-    return str(trace.id).strip(".") or "trace", float(trace.stats.delta), trace.data
+    name = str(trace.id).strip(".") or "trace"
+    return Samples(name, float(trace.stats.delta), trace.data)
 
 
 def _only(traces: list[Samples], what: str, remedy: str) -> Samples:
     """The one trace that there is, without a gap."""
+    if not traces:
+        raise MotionError(f"{what}: holds no trace; a record has one channel")
     if len(traces) != 1:
         shown = ", ".join(trace[0] for trace in traces)[:200]
         raise MotionError(f"{what}: {len(traces)} channels ({shown}); a record has one: {remedy}")
-    [(name, interval, data)] = traces
+    [only] = traces
+    data = only.data
     if len(data) > MAX_SAMPLES:
         raise MotionError(f"{what}: {len(data)} samples; at most {MAX_SAMPLES}: cut the record")
     if np.ma.isMaskedArray(data):
         missing = int(np.ma.getmaskarray(data).sum())
+        if only.overlapping:
+            raise MotionError(
+                f"{what}: {missing} samples are missing or disputed: traces overlap by "
+                f"{only.overlapping} and differ there; cut one, or choose by obspy's "
+                "`stream.merge(method=1)`"
+            )
         raise MotionError(
             f"{what}: {missing} samples are missing (a gap); cut the record or fill the gap"
         )
-    return name, interval, data
+    return only
 
 
 def _obspy_reader(path: Path) -> Any:

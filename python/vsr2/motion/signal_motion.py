@@ -6,6 +6,7 @@ from typing import Any
 
 from numpy.typing import ArrayLike
 
+from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import Filter, RecordUnits
 from vsr2.config.problems import shown
 from vsr2.config.section import DEFAULT_TIME_STEP
@@ -18,6 +19,7 @@ from vsr2.motion.study_motions import build_recorded_motion, warn_of_unusual_pga
 from vsr2.motion.units import UNITS
 
 
+@checked_names(MotionError, {"dt": "interval"})
 def from_signal(
     signal: ArrayLike,
     interval: float,

@@ -10,6 +10,7 @@ from vsr2.results.journal import (
 from vsr2.results.links import FIGURE_FOLDER, SHARD_FOLDER, refuse_links
 from vsr2.results.models import load_models, save_models
 from vsr2.results.provenance import base_provenance
+from vsr2.results.reopened import lost_logs, reopen_result
 from vsr2.results.result import (
     FLOAT_COLUMNS,
     INTEGER_COLUMNS,
@@ -76,6 +77,7 @@ __all__ = [
     "load_trial_log",
     "log_mark",
     "logged_trials",
+    "lost_logs",
     "prepare_folder",
     "prepare_work_folder",
     "read_journal",
@@ -84,6 +86,7 @@ __all__ = [
     "remove_journal",
     "remove_result",
     "remove_temporaries",
+    "reopen_result",
     "require_space",
     "save_models",
     "save_result",

@@ -129,9 +129,11 @@ def _arrays(mesh: Mesh, name: str) -> tuple[Array, IntArray]:
         given_vertices, given_faces = mesh
         vertices = np.array(real_array(np.asarray(given_vertices)), order="C")
         faces = np.asarray(given_faces)
-    except (TypeError, ValueError) as error:
+    except (TypeError, ValueError):
         raise GeometryError(
-            f"{name}: must be a trimesh.Trimesh, or vertices (n, 3) and triangles (m, 3) ({error})"
+            f"{name}: must be a trimesh.Trimesh, or vertices (n, 3) and triangles (m, 3), and is "
+            f"of type {type(mesh).__name__}; for a mesh in a file, name it in the study, or give "
+            "`trimesh.load(path)`"
         ) from None
     if vertices.ndim != 2 or vertices.shape[1] != 3 or faces.ndim != 2 or faces.shape[1] != 3:
         raise GeometryError(

@@ -221,12 +221,36 @@ def _collisions(path: Path, link: ElementTree.Element, scale: float) -> list[_Co
         raise GeometryError(
             f"{path}: {len(elements)} <collision> elements; at most {MAX_COLLISIONS} are taken"
         )
-    meshes: _Meshes = {}
+    meshes = _Meshes()
     return [_collision(path, element, scale, meshes) for element in elements]
 
 
-_Meshes = dict[tuple[str, Scale], LoadedMesh]
-"""Meshes of a file that were read already, by name and scale."""
+class _Meshes:
+    """Meshes of one URDF: each is read once at a scale, and moved once to a pose."""
+
+    def __init__(self) -> None:
+        self._read: dict[tuple[Path, Scale], LoadedMesh] = {}
+        self._moved: dict[tuple[object, ...], tuple[tuple[Hull, ...], Triangles]] = {}
+
+    def read(self, file: Path, scale: Scale) -> LoadedMesh:
+        """The mesh of a file, however often and by whichever path it is named."""
+        key = file.resolve(), scale
+        if key not in self._read:
+            self._read[key] = load_mesh(file, scale=scale, closed=False)
+        return self._read[key]
+
+    def collision(self, mesh: LoadedMesh, rotation: Array, translation: Array) -> _Collision:
+        """A mesh at a pose; copies of a file share their hulls, which are then thinned once."""
+        kind = Path(mesh.source).suffix
+        pose = rotation.tobytes(), translation.tobytes()
+        key = (mesh.sha256, kind, mesh.scale, *pose)
+        if key not in self._moved:
+            surface = mesh.surface
+            hulls = tuple(Hull(_moved(one, rotation, translation)) for one in mesh.hull_points)
+            vertices = _moved(surface.vertices, rotation, translation)
+            self._moved[key] = hulls, Triangles(vertices, surface.faces)
+        hulls, surface = self._moved[key]
+        return _Collision(hulls, surface, rotation, translation, mesh=mesh)
 
 
 def _collision(
@@ -253,8 +277,7 @@ def _collision(
         points = _moved(cylinder_points(radius, length, URDF.cylinder_sides), rotation, translation)
         return _Collision((Hull(points),), hull_surface(points), rotation, translation)
     if shape.tag == "mesh":
-        mesh = _mesh(path, shape, scale, meshes)
-        return _mesh_collision(mesh, rotation, translation)
+        return meshes.collision(_mesh(path, shape, scale, meshes), rotation, translation)
     raise GeometryError(
         f"{path}: <geometry> with <{_brief(shape.tag)}>; rocks collide as box, cylinder or mesh"
         + ("; give the ball as a mesh if its facets do not matter" if shape.tag == "sphere" else "")
@@ -262,7 +285,7 @@ def _collision(
 
 
 def _mesh(path: Path, shape: ElementTree.Element, scale: float, meshes: _Meshes) -> LoadedMesh:
-    """The mesh that an element names, read once however often it is named."""
+    """The mesh that an element names."""
     name = shape.get("filename", "")
     if name.startswith("file://"):
         name = unquote(name.removeprefix("file://"))
@@ -278,10 +301,7 @@ def _mesh(path: Path, shape: ElementTree.Element, scale: float, meshes: _Meshes)
             "mesh in an editor)"
         )
     factor = factors[0] if factors[0] == factors[1] == factors[2] else tuple(factors)
-    factor = cast(Scale, factor)
-    if (name, factor) not in meshes:
-        meshes[name, factor] = load_mesh(_inside(path, name), scale=factor, closed=False)
-    return meshes[name, factor]
+    return meshes.read(_inside(path, name), cast(Scale, factor))
 
 
 def _inside(path: Path, name: str) -> Path:
@@ -298,17 +318,6 @@ def _inside(path: Path, name: str) -> Path:
             "mesh into it, and name it relative to it"
         )
     return target
-
-
-def _mesh_collision(mesh: LoadedMesh, rotation: Array, translation: Array) -> _Collision:
-    surface = mesh.surface
-    return _Collision(
-        parts=tuple(Hull(_moved(points, rotation, translation)) for points in mesh.hull_points),
-        surface=Triangles(_moved(surface.vertices, rotation, translation), surface.faces),
-        rotation=rotation,
-        translation=translation,
-        mesh=mesh,
-    )
 
 
 def _moved(points: Array, rotation: Array, translation: Array) -> Array:

@@ -181,6 +181,10 @@ def run_trials(
 
 def _checked(trials: Sequence[Trial]) -> Sequence[Trial]:
     """The same trials, if they can be run."""
+    if isinstance(trials, Mapping):
+        raise SimulationError(
+            "the batch is a mapping; `vsr2.Study.from_dict(mapping)` makes a study of it"
+        )
     if not hasattr(trials, "__len__"):
         raise SimulationError(
             f"the batch is of type {type(trials).__name__}; give a Study, the path of one, or "

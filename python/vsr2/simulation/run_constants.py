@@ -13,6 +13,7 @@ from vsr2.effects.oscillator import OSCILLATOR
 from vsr2.effects.rounding import ROUNDING
 from vsr2.effects.standing import STANDING
 from vsr2.effects.support import SUPPORT
+from vsr2.motion.channel_agreement import AGREEMENT
 from vsr2.motion.fusion import FUSION
 from vsr2.motion.processing import PROCESSING
 from vsr2.motion.resample import RESAMPLE
@@ -37,6 +38,7 @@ def run_constants() -> dict[str, dict[str, Any]]:
         "placement": asdict(PLACEMENT),
         "stability": asdict(STABILITY),
         "notes": asdict(NOTES),
+        "channel_agreement": asdict(AGREEMENT),
         "recorded": asdict(RECORDED),
         "processing": asdict(PROCESSING),
         "fusion": asdict(FUSION),

@@ -22,6 +22,7 @@ from vsr2.ensemble.simulated.nuisances import (
 )
 from vsr2.errors import DiagnosisError
 from vsr2.near_words import offer
+from vsr2.one_line import OnlyGiven
 
 
 @dataclass(frozen=True)
@@ -43,8 +44,8 @@ HYPOTHESIS = HypothesisConstants()
 
 
 @checked_names(DiagnosisError)
-@dataclass(frozen=True)
-class Hypotheses:
+@dataclass(frozen=True, repr=False)
+class Hypotheses(OnlyGiven):
     """What a campaign is diagnosed against.
 
     Attributes:
@@ -69,8 +70,9 @@ class Hypotheses:
     library: Mapping[str, Effect] | None = None
     exclude: Collection[str] = ()
     priors: Mapping[str, Distribution | tuple[float, float]] = field(default_factory=dict)
-    nuisances: Sequence[Nuisance] = DEFAULT_NUISANCES
-    contact_family: Sequence[Nuisance] = CONTACT_FAMILY
+    # By factories, so that help and signatures do not print all that they hold.
+    nuisances: Sequence[Nuisance] = field(default_factory=lambda: DEFAULT_NUISANCES)
+    contact_family: Sequence[Nuisance] = field(default_factory=lambda: CONTACT_FAMILY)
     references: Sequence[Campaign] = ()
     most_effects: int = HYPOTHESIS.usual_effects
 

@@ -55,6 +55,14 @@ def finished_before(folder: Path, trials: int) -> str:
     return f"nothing to do: {folder} holds the finished result of {counted(trials, 'trial')}"
 
 
+def merged_logs_lost(folder: Path, lost: Sequence[int]) -> str:
+    """That a merged result lost logs since, and how to get them back."""
+    return (
+        f"{folder}: the logs of {counted(len(lost), 'trial')} are gone or damaged, the first is "
+        f"that of trial {lost[0]}; make them again by --resume in place of --merge"
+    )
+
+
 def few_draws(folder: Path, written: int, asked: int) -> str:
     """That `--posterior-draws` wrote fewer scenes than were asked for, and why."""
     why = "no study can state more" if written else "nothing is named that a study can state"
