@@ -33,8 +33,8 @@ outcome: {tail: 0.5}
 """
 OFFERED = ("table_gain", "catch", "table_pitch")
 EXCLUDED = ("table_pitch",)
-SIMULATIONS = 4000
-"""With 2000 the planted effect leads with some seeds alone, with 4000 with all of 0 to 2."""
+SIMULATIONS = 5000
+"""With 2000 the planted effect leads with some seeds alone, with 5000 with all of 0 to 2."""
 
 
 @pytest.fixture(scope="module", autouse=True)

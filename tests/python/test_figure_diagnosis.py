@@ -33,7 +33,8 @@ def cases():
 
 def test_all_rounds_from_the_first_are_drawn():
     drawn = [int(path.name.rsplit("_", 1)[1]) for path in committed_rounds()]
-    assert drawn == sorted(drawn) and drawn[0] == FIRST_ROUND
+    assert drawn == sorted(drawn)
+    assert drawn[0] == FIRST_ROUND
     # Rounds are numbered without a gap; one of them is of the other engine's check.
     others = [int(path.name.rsplit("_", 1)[1]) for path in RESULTS.glob("blind_other_engine_*")]
     assert sorted(drawn + others) == list(range(FIRST_ROUND, drawn[-1] + 1))
