@@ -65,6 +65,11 @@ class Vsr2Error(Exception):
         super().__init__(": ".join(part for part in (where, key, message) if part))
 
 
+def reason(error: BaseException) -> str:
+    """Why something failed, of a system's error without its number and path."""
+    return getattr(error, "strerror", None) or str(error)
+
+
 class ConfigError(Vsr2Error):
     """A configuration file or value that cannot be used (names file, key, value, remedy)."""
 

@@ -14,7 +14,7 @@ from vsr2.campaign.array_files import SERIES_FOLDER, series_arrays, write_arrays
 from vsr2.campaign.campaign import Campaign
 from vsr2.campaign.description import FILE, MODEL_SUFFIXES, dump_description
 from vsr2.campaign.trials_table import MOTIONS, TRIALS, trials_table
-from vsr2.errors import CampaignError
+from vsr2.errors import CampaignError, reason
 
 MODELS = "models"
 
@@ -68,9 +68,8 @@ def save_campaign(
         finally:
             shutil.rmtree(temporary, ignore_errors=True)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
         raise CampaignError(
-            f"{path}: cannot be written ({reason}); free space or choose another folder"
+            f"{path}: cannot be written ({reason(error)}); free space or choose another folder"
         ) from error
     return path
 
@@ -86,8 +85,9 @@ def prepare_destination(folder: str | os.PathLike[str], *, overwrite: bool = Fal
     try:
         _refuse_folder(path, overwrite)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise CampaignError(f"{path}: cannot be used ({reason}); choose another folder") from error
+        raise CampaignError(
+            f"{path}: cannot be used ({reason(error)}); choose another folder"
+        ) from error
 
 
 def _refuse_folder(path: Path, overwrite: bool) -> bool:

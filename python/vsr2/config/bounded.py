@@ -7,7 +7,7 @@ import stat
 from itertools import islice
 from pathlib import Path
 
-from vsr2.errors import ConfigError, Vsr2Error
+from vsr2.errors import ConfigError, Vsr2Error, reason
 from vsr2.near_words import NEAR, near_words
 
 
@@ -78,8 +78,7 @@ def read_bounded(path: str | os.PathLike[str], limit: int, *, remedy: str) -> by
             f"no such file; did you mean {near}?" if near else "no such file; check the path"
         ) from None
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise UnreadableError(f"cannot be read ({reason}); check path and rights") from None
+        raise UnreadableError(f"cannot be read ({reason(error)}); check path and rights") from None
     if max(status.st_size, len(content)) > limit:
         raise UnreadableError(f"larger than {limit} bytes; {remedy}")
     return content

@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.errors import HazardError
+from vsr2.errors import HazardError, reason
 from vsr2.read_only import ReadOnlyArrays, read_only, real_argument
 
 SITE_ROUNDING = 5.1e-6
@@ -98,7 +98,7 @@ def read_hazard_curve(path: Path | str, *, site: tuple[float, float] | None = No
         text = path.read_text(encoding="utf-8")
         lines = list(csv.reader(text.splitlines(), strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise HazardError(f"cannot be read ({read_fault(error)})", file=path) from None
+        raise HazardError(f"cannot be read ({reason(error)})", file=path) from None
     years, measure, kind = _header(path, text.partition("\n")[0])
     columns, rows = lines[1] if len(lines) > 1 else [], [line for line in lines[2:] if line]
     names = [name for name in columns if name.startswith("poe-")]
@@ -172,8 +172,3 @@ def _site_row(
             file=path,
         )
     return found[0]
-
-
-def read_fault(error: Exception) -> str:
-    """Why a file cannot be read, without the number of the system's error."""
-    return (error.strerror if isinstance(error, OSError) else None) or str(error)

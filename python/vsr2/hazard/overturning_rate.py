@@ -20,9 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsr2.analysis.intervals import INTERVALS
-from vsr2.errors import HazardError
+from vsr2.errors import HazardError, reason
 from vsr2.fragility import Lognormal
-from vsr2.hazard.hazard_curve import HazardCurve, read_fault
+from vsr2.hazard.hazard_curve import HazardCurve
 from vsr2.read_only import real_argument
 
 Array = NDArray[np.float64]
@@ -230,7 +230,7 @@ def read_lognormal(folder: Path | str, measure: str) -> Lognormal:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
     except (OSError, UnicodeDecodeError) as error:
         raise HazardError(
-            f"cannot be read ({read_fault(error)}); give a folder that `vsr2 fragility` wrote",
+            f"cannot be read ({reason(error)}); give a folder that `vsr2 fragility` wrote",
             file=path,
         ) from None
     found = [

@@ -29,7 +29,7 @@ from numpy.typing import NDArray
 
 from vsr2.argument_names import checked_names
 from vsr2.config.bounded import near_path
-from vsr2.errors import ResultError
+from vsr2.errors import ResultError, reason
 from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import link_atomic, make_folder, write_atomic, write_text
 from vsr2.results.batch_table import read_table, read_text, table_text
@@ -105,9 +105,8 @@ def prepare_folder(
         path.mkdir(parents=True, exist_ok=True)
         _try_to_write(path)
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
         raise ResultError(
-            f"{path}: cannot be used as result folder ({reason}); choose another folder"
+            f"{path}: cannot be used as result folder ({reason(error)}); choose another folder"
         ) from error
     present = _result_files(path)
     if present and not overwrite:

@@ -7,7 +7,7 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any
 
-from vsr2.errors import ResultError
+from vsr2.errors import ResultError, reason
 from vsr2.results.links import FIGURE_FOLDER, refuse_links
 
 
@@ -55,8 +55,9 @@ def prepare_work_folder(
             for file in present:
                 file.unlink()
     except (OSError, ValueError) as error:
-        reason = getattr(error, "strerror", None) or error
-        raise ResultError(f"{path}: cannot be used ({reason}); choose another folder") from error
+        raise ResultError(
+            f"{path}: cannot be used ({reason(error)}); choose another folder"
+        ) from error
     return path
 
 
