@@ -332,7 +332,7 @@ def standing(**changes):
     return observe_campaign(replace(campaign, trials=tuple(trials)), "B")
 
 
-def test_the_noise_floor_s_layers_are_kept_apart() -> None:
+def test_the_noise_floor_s_layers_are_kept_apart(monkeypatch) -> None:
     with SimulationCache(Jittery()) as store:
         layers = noise_floor(store, standing(), np.arange(40), np.full(40, 0.5))
         assert store.asked == (1 + 3 * NOISE_FLOOR.replicates) * 40
@@ -342,8 +342,10 @@ def test_the_noise_floor_s_layers_are_kept_apart() -> None:
     assert layers["physical"] is layers["physical_expected"] is None
     # The most uncertain ones first: nearest to one in two.
     odds = np.where(np.arange(40) < 20, 0.5, 0.01)
+    fewer = replace(NOISE_FLOOR, most_trials=20)
+    monkeypatch.setattr("vsr2.ensemble.noise_floor.NOISE_FLOOR", fewer)
     with SimulationCache(Jittery()) as store:
-        few = noise_floor(store, standing(), np.arange(40), odds, most=20)
+        few = noise_floor(store, standing(), np.arange(40), odds)
     assert (few["trials"], few["numerical"], few["input"]) == (20, 0.5, 0.25)
 
 

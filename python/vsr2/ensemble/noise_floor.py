@@ -40,8 +40,6 @@ def noise_floor(
     seen: Observations,
     trials: NDArray[np.int64],
     probability: Array,
-    *,
-    most: int | None = None,
 ) -> dict[str, float | int | None]:
     """Share of outcomes that differ from the nominal simulation's, layer by layer.
 
@@ -50,7 +48,6 @@ def noise_floor(
         seen: the observed campaign.
         trials: indices of those that lift off.
         probability: of overturning in campaigns without effect, of each of them.
-        most: trials that are used, the most uncertain first; None: those of `NOISE_FLOOR`.
 
     Returns:
         `numerical`: under perturbations of the start by 1e-6 to 1e-4 m; `time_step`: at half the
@@ -64,7 +61,7 @@ def noise_floor(
         of repeats of all.
     """
     near = trials[np.argsort(np.abs(probability - 0.5), kind="stable")]
-    used = np.sort(near[: NOISE_FLOOR.most_trials if most is None else most])
+    used = np.sort(near[: NOISE_FLOOR.most_trials])
     spots = [(0, 0)]
     spots += [(0, PERTURBED - r) for r in range(NOISE_FLOOR.replicates)]
     spots += [(0, r) for r in range(1, NOISE_FLOOR.replicates + 1)]
