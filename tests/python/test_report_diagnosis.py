@@ -233,7 +233,7 @@ def test_where_nothing_is_found_it_is_said_what_the_numbers_mean(before, said) -
     for text in (format_diagnosis(found), diagnosis_page(found)):
         assert "90 % set: none, catch, wear" in text
         assert "holds what the data cannot exclude, here 2 effects." in text
-        assert "a low one is no sign of a gap" in text
+        assert "a low probability that no effect acts is no sign of a gap" in text
         assert said in text
     # And only there.
     assert "no sign of a gap" not in diagnosis_page(Diagnosis(CONTENT, ROWS))

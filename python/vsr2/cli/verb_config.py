@@ -69,12 +69,12 @@ def check(study: Study, /, *, set: Settings = ()) -> int:
     return 0
 
 
-def _check_trials(study: StudyFile, first: Callable[[], object] = int) -> None:
+def _check_trials(study: StudyFile, first: Callable[[], object] | None = None) -> None:
     """Refuse a study that cannot be run, with all that is wrong with the files that it names.
 
     Args:
         study: whose files may be missing.
-        first: refuses it for what comes before its trials, such as missing files.
+        first: refuses it for what comes before its trials, such as missing files; None: nothing.
 
     Raises:
         Vsr2Error: what stops it.
@@ -84,7 +84,8 @@ def _check_trials(study: StudyFile, first: Callable[[], object] = int) -> None:
     from vsr2.simulation import check_trials, study_trials
 
     try:
-        first()
+        if first is not None:
+            first()
         check_trials(study_trials(study))
     except Vsr2Error as error:
         said = [str(error)]
