@@ -22,7 +22,7 @@ rock:
 motion:
   mode: single_cosine
   pga_g: 0.3
-  pgv_pga: 0.1
+  pgv_pga_s: 0.1
 """
 
 FULL = """\
@@ -178,7 +178,7 @@ def test_errors_name_the_line_of_the_key_or_of_its_section(tmp_path):
         "  study.yaml:1: rock.file: is missing; give it: OBJ, STL or PLY, watertight, in metres "
         "[m].",
         "  study.yaml:3: rock.fil: is no key here; did you mean `file`?",
-        "  study.yaml:5: motion: give `amplitude` and `frequency`, or `pga_g` and `pgv_pga`",
+        "  study.yaml:5: motion: give `amplitude` and `frequency`, or `pga_g` and `pgv_pga_s`",
     ]
 
 
@@ -271,12 +271,12 @@ motions = st.one_of(
         {
             "mode": st.just("single_cosine"),
             "pga_g": st.floats(0.01, 2),
-            "pgv_pga": st.floats(0.1, 1),
+            "pgv_pga_s": st.floats(0.1, 1),
         },
         optional=drives,
     ),
     st.fixed_dictionaries(
-        {"mode": st.just("grid_cosine"), "pga_g": ranges, "pgv_pga": ranges}, optional=drives
+        {"mode": st.just("grid_cosine"), "pga_g": ranges, "pgv_pga_s": ranges}, optional=drives
     ),
     st.fixed_dictionaries(
         {"mode": st.just("single_recording"), "file": file_name},

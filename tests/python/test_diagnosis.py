@@ -419,7 +419,7 @@ def test_a_scene_that_says_nothing_of_recordings_is_driven_as_recorded(tmp_path,
     cosines = {
         "mode": "grid_cosine",
         "pga_g": {"min": 0.5, "max": 0.6, "step": 0.1},
-        "pgv_pga": {"min": 0.08, "max": 0.14, "step": 0.02},
+        "pgv_pga_s": {"min": 0.08, "max": 0.14, "step": 0.02},
     }
     study = study_from_mapping(BOX | {"motion": cosines}, base=tmp_path)
     simulated = simulate_campaign(study)
