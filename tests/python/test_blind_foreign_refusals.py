@@ -98,7 +98,15 @@ def pack(tmp_path):
                     {"effect": "frction", "parameter": "factor", "distribution": "normal", "sd": 1}
                 ]
             },
-            r"nuisances\[0\]\..*no effect 'frction'; did you mean",
+            r"nuisances\[0\]\.effect: there is no effect 'frction'; did you mean",
+        ),
+        (
+            {
+                "nuisances": [
+                    {"effect": "friction", "parameter": "factr", "distribution": "normal", "sd": 1}
+                ]
+            },
+            r"nuisances\[0\]\.parameter: effect 'friction' has no parameter 'factr'; it has factor",
         ),
         (
             {"priors": {"friction.factor": {"distribution": "norml"}}},
