@@ -346,6 +346,8 @@ def test_sharing_reporting_and_interruptions_change_no_diagnosis(plain, tmp_path
     seen.clear()
     again = small(cache=tmp_path, report=seen.append)
     assert again.content["provenance"]["budget"]["reused"] > 100 * 30
+    # Those of the look are used besides, as pages and --help say.
+    assert again.content["provenance"]["budget"]["campaigns"] == 150 + 48
     assert without_cost(again) == without_cost(plain)
     # What is in the cache is not tried again, and no first answer goes before the only one.
     assert stages_of(seen) == [Stage.SIMULATION, Stage.TRAINING, Stage.JUDGEMENT]
