@@ -141,7 +141,7 @@ def test_a_journal_with_other_columns_are_refused_in_one_line(tmp_path: Path) ->
     line = refused.stderr.strip()
     assert "\n" not in line
     assert re.search(
-        r"journal\.jsonl: is a vsr2 journal of version '4 with columns \w+', this", line
+        r"journal\.jsonl: is a vsr2 journal of version '5 with columns \w+', this", line
     )
 
 
