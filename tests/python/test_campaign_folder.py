@@ -222,11 +222,6 @@ def test_a_table_that_is_none_is_named(folder, content, words):
         ),
         (
             "specimens:",
-            "noise: {maximum_tilt: 0.001}\nspecimens:",
-            "noise.maximum_tilt: is no key here; did you mean `peak_tilt_rad`?",
-        ),
-        (
-            "specimens:",
             "noise: {tilt_rad: -1}\nspecimens:",
             "noise.tilt_rad: must be at least 0 (is -1)",
         ),

@@ -326,7 +326,6 @@ def plain():
 
 
 def stages_of(seen):
-    """Stages of reports in their order, each stretch once."""
     return [stage for stage, _ in itertools.groupby(one.stage for one in seen)]
 
 
@@ -375,9 +374,7 @@ def test_there_is_a_first_answer_after_a_tenth_of_the_budget() -> None:
     left = [one.left_s for one in seen if one.stage is Stage.SIMULATION]
     assert left[0] > left[-1] >= 0
     # Each training has its own name, so that none looks like simulating that stands still.
-    first, last = Stage.TRAINING, [Stage.TRAINING, Stage.JUDGEMENT]
-    order = [Stage.LOOK, Stage.SIMULATION, first, Stage.SIMULATION, *last]
-    assert stages_of(seen) == order
+    assert stages_of(seen)[1:] == [Stage.SIMULATION, Stage.TRAINING] * 2 + [Stage.JUDGEMENT]
 
 
 def test_linear_algebra_has_the_same_bits_on_any_machine() -> None:
