@@ -5,6 +5,7 @@ from __future__ import annotations
 from dataclasses import asdict
 from typing import Any
 
+from vsr2.posterior.beside import BESIDE
 from vsr2.posterior.calibration import CALIBRATED
 from vsr2.posterior.discrepancy import DISCREPANCY
 from vsr2.posterior.goodness_of_fit import LIBRARY_FIT
@@ -24,6 +25,7 @@ def posterior_constants() -> dict[str, dict[str, Any]]:
         "network": asdict(NETWORK),
         "prior": asdict(PRIOR),
         "training": asdict(TRAINING),
+        "beside": asdict(BESIDE),
         "calibration": asdict(CALIBRATED),
         "parameters": asdict(PARAMETERS),
         "library_fit": asdict(LIBRARY_FIT),
