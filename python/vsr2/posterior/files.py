@@ -18,7 +18,6 @@ from vsr2.ensemble.simulated.campaigns import SET_PRIOR
 from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
 from vsr2.ensemble.simulated.library import Library, free_parameters
 from vsr2.errors import ResultError
-from vsr2.posterior.beside import BESIDE, Curves
 from vsr2.posterior.calibration import CALIBRATED, Levels
 from vsr2.posterior.discrepancy import DISCREPANCY
 from vsr2.posterior.file_arrays import FileArrays
@@ -26,6 +25,7 @@ from vsr2.posterior.goodness_of_fit import LIBRARY_FIT, LibraryFit
 from vsr2.posterior.naming import NAMING
 from vsr2.posterior.network import NETWORK, Network
 from vsr2.posterior.parameters import PARAMETERS, Parameters
+from vsr2.posterior.second_cause import SECOND_CAUSE, Curves
 from vsr2.posterior.sets import Sets, declared_alike
 from vsr2.posterior.summaries import SUMMARY, Standard, Summaries
 from vsr2.posterior.training import TRAINING, Posterior
@@ -58,7 +58,7 @@ def posterior_file(
     digest = hashlib.blake2b(digest_size=8)
     constants = (
         SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATED,
-        PARAMETERS, SET_PRIOR, BESIDE,
+        PARAMETERS, SET_PRIOR, SECOND_CAUSE,
     )  # fmt: skip
     parts = (
         identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
@@ -226,8 +226,8 @@ def _curves(arrays: FileArrays, k: int) -> Curves:
         origin=arrays.numbers(f"{place} origin", "targets"),
         means=arrays.numbers(f"{place} means", "effects", "points", "targets"),
         sizes=arrays.numbers(f"{place} sizes", "effects", "points"),
-        scale=arrays.numbers(f"{place} scale", "beside", above=0.0),
-        weights=arrays.numbers(f"{place} weights", arrays.size("beside") + 1),
+        scale=arrays.numbers(f"{place} scale", "judged", above=0.0),
+        weights=arrays.numbers(f"{place} weights", arrays.size("judged") + 1),
     )
 
 

@@ -16,13 +16,13 @@ from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
 from vsr2.ensemble.simulated.library import Library
 from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.one_line import counted
-from vsr2.posterior.beside import Curves, fit_curves, refined
 from vsr2.posterior.calibration import Levels, Refine, best_temperature, calibrate, pooled
 from vsr2.posterior.discrepancy import Disturbance
 from vsr2.posterior.goodness_of_fit import LibraryFit, fit_probability, misfit, misfits_by
 from vsr2.posterior.naming import Naming, candidates, decide
 from vsr2.posterior.network import Network, SetOutputs, train_network
 from vsr2.posterior.parameters import Parameters, fit_parameters
+from vsr2.posterior.second_cause import Curves, fit_curves, refined
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY, Standard, Standards, Summaries, fit_summaries
 from vsr2.posterior.truth import PRIOR, Truth, left_out_together
@@ -128,8 +128,10 @@ class Posterior:
         logs = np.stack([one.log_probability(inputs, allowed)[0] for one in self.networks])
         probability = pooled(logs, self.levels.temperature)
         if self.curves:
-            own = summaries[0, : self.summaries.effect.size]
-            probability = refined(probability, self.sets, self.alike, allowed[0], own, self.curves)
+            effect = self.summaries.effect
+            curves = [one.without(effect, allowed[0]) for one in self.curves]
+            own = summaries[0, : effect.size]
+            probability = refined(probability, self.sets, self.alike, allowed[0], own, curves)
         size = float(misfit(residuals[0]))
         fit = 1.0 if size <= self.excused else float(fit_probability(np.array(size), self.misfits))
         misfits, unexplained = self.summaries.unexplained(summaries)
@@ -241,7 +243,7 @@ def train(
         truth,
         (fit_probability(misfits[-1], gap_free_misfits), np.array(fits)),
         temperature,
-        held_out.refinement(curves, found[-1][:, : summaries.effect.size]),
+        held_out.refinement(curves, found[-1], summaries.effect),
     )
     _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
     return Posterior(
@@ -390,12 +392,15 @@ class _HeldOut:
         """Those that did not see a fold."""
         return self.networks[TRAINING.seeds * fold : TRAINING.seeds * (fold + 1)]
 
-    def refinement(self, curves: tuple[Curves, ...], discriminants: Array) -> Refine:
+    def refinement(
+        self, curves: tuple[Curves, ...], summaries: Array, effect: NDArray[np.int64]
+    ) -> Refine:
         """What is made of the probabilities of judged campaigns, by curves that did not see them.
 
         Args:
             curves: one a fold, or none.
-            discriminants: of all campaigns, of the copy that is judged, shape (n, targets).
+            summaries: of all campaigns, of the copy that is judged, shape (n, summaries).
+            effect: index of the effect of each discriminant, -1 of a nuisance, shape (targets,).
         """
         truth = self.truth
         row = np.concatenate([np.arange(len(self.fold)), np.flatnonzero(truth.acting.any(axis=1))])
@@ -406,8 +411,8 @@ class _HeldOut:
             return np.array(
                 [
                     refined(
-                        p, truth.sets, truth.alike, allowed, discriminants[i],
-                        [curves[self.fold[i]]],
+                        p, truth.sets, truth.alike, allowed, summaries[i, : effect.size],
+                        [curves[self.fold[i]].without(effect, allowed)],
                     )
                     for p, allowed, i in zip(
                         probability, self.judged.allowed[rows], row[rows], strict=True

@@ -31,7 +31,7 @@ Rows = NDArray[np.int64]
 
 
 @dataclass(frozen=True)
-class BesideConstants:
+class SecondCauseConstants:
     """How the leading effect is fitted, and who stands beside it; chosen by hand.
 
     Attributes:
@@ -46,6 +46,7 @@ class BesideConstants:
         penalty: of the squares of the logit's weights, by campaign.
         copies: of each campaign on which the logit is trained, the last ones.
         most_evidence, most_deviation: at which features are cut off.
+        tiny: below which no logarithm is taken, and by nothing less is divided.
     """
 
     points: int = 48
@@ -60,11 +61,10 @@ class BesideConstants:
     copies: int = 2
     most_evidence: float = 60.0
     most_deviation: float = 6.0
+    tiny: float = 1e-7
 
 
-BESIDE = BesideConstants()
-TINY = 1e-7
-"""Probability below which logarithms are not taken."""
+SECOND_CAUSE = SecondCauseConstants()
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,9 +72,9 @@ class Curves:
     """What effects give in whitened discriminants, and the logit that judges what is left.
 
     Attributes:
-        white: from discriminants to those of unit chance, shape (targets, targets).
+        white: from discriminants to those of unit chance, shape (targets, whitened).
         origin: of the former without effect, shape (targets,).
-        means: of each point of each effect's curve, whitened, shape (effects, points, targets).
+        means: of each point of each effect's curve, shape (effects, points, whitened).
         sizes: of the points [detection limits], shape (effects, points).
         scale: of the features, first those of each other effect, then of nothing more.
         weights: of these, and of the constant of nothing more.
@@ -87,8 +87,25 @@ class Curves:
     scale: Array
     weights: Array
 
+    def without(self, effect: Rows, allowed: Bools) -> Curves:
+        """The same by fewer discriminants, of which those of excluded effects are no part.
 
-def kernel_places(library: Library, name: str, acting: Sequence[Acting]) -> Array:
+        In whitened discriminants these move along their rows of `white`. What is across is whitened
+        by the covariance of the others.
+
+        Args:
+            effect: index of the effect of each discriminant, -1 of a nuisance, shape (targets,).
+            allowed: effects that the library has, shape (effects,).
+        """
+        excluded = (effect >= 0) & ~allowed[effect]
+        if not excluded.any():
+            return self
+        turned = np.linalg.qr(self.white[excluded].T, mode="complete")[0]
+        across = turned[:, int(excluded.sum()) :]
+        return replace(self, white=self.white @ across, means=self.means @ across)
+
+
+def kernel_coordinates(library: Library, name: str, acting: Sequence[Acting]) -> Array:
     """Where effects lie for the kernel: amplitude, side, logarithms of sizes, other coordinates."""
     free = free_parameters(library[name])
     index = [list(library[name].parameters).index(p) for p in free]
@@ -103,21 +120,23 @@ def kernel_places(library: Library, name: str, acting: Sequence[Acting]) -> Arra
             others.append(2 * (value - p.lower) / (p.upper - p.lower))
         else:
             gap = np.abs(1 / value if np.isinf(p.null) else value - p.null)
-            gaps.append(gap / max(float(gap.max()), TINY))
+            gaps.append(gap / max(float(gap.max()), SECOND_CAUSE.tiny))
     share = np.array(gaps).reshape(len(gaps), len(size))
-    share /= np.maximum(share.max(axis=0, initial=0.0), TINY)
+    share /= np.maximum(share.max(axis=0, initial=0.0), SECOND_CAUSE.tiny)
     amplitude = np.minimum(size, SUMMARY.largest) ** SUMMARY.power
     side = np.array([float(one.side) for one in acting])
-    logs = np.log(share * size + BESIDE.added_size) / BESIDE.width
-    return np.stack([amplitude, side, *logs, *(2 * one / BESIDE.width for one in others)], axis=1)
+    logs = np.log(share * size + SECOND_CAUSE.added_size) / SECOND_CAUSE.width
+    return np.stack(
+        [amplitude, side, *logs, *(2 * one / SECOND_CAUSE.width for one in others)], axis=1
+    )
 
 
 def kernel(one: Array, other: Array) -> Array:
-    """Covariance of what effects give at two sets of places."""
+    """Covariance of what effects give at two sets of coordinates."""
     apart = ((one[:, None, 2:] - other[None, :, 2:]) ** 2).sum(axis=-1)
     same = one[:, None, 1] == other[None, :, 1]
     amplitude = one[:, None, 0] * other[None, :, 0]
-    return np.asarray(BESIDE.variance * amplitude * same * np.exp(-0.5 * apart))
+    return np.asarray(SECOND_CAUSE.variance * amplitude * same * np.exp(-0.5 * apart))
 
 
 @dataclass(frozen=True, eq=False)
@@ -140,27 +159,29 @@ class Design:
         """Points of a curve are spread over the campaigns in which the effect acts."""
         parts: list[Array] = []
         curves: list[tuple[int, int, Array]] = []
-        sizes = np.zeros((len(library), BESIDE.points))
+        sizes = np.zeros((len(library), SECOND_CAUSE.points))
         for e, name in enumerate(library):
             own = [(r, a) for r, s in enumerate(campaigns.sets) for a in s if a.name == name]
             if not own:
                 continue
-            places = kernel_places(library, name, [a for _, a in own])
+            where = kernel_coordinates(library, name, [a for _, a in own])
             order = sorted(range(len(own)), key=lambda k: (own[k][1].side, own[k][1].size))
-            chosen = [order[k] for k in np.linspace(0, len(own) - 1, BESIDE.points).astype(int)]
+            chosen = [
+                order[k] for k in np.linspace(0, len(own) - 1, SECOND_CAUSE.points).astype(int)
+            ]
             sizes[e] = [own[k][1].size for k in chosen]
-            points = places[chosen]
+            points = where[chosen]
             covariance = kernel(points, points)
-            covariance[np.diag_indices(BESIDE.points)] += BESIDE.jitter * max(
-                covariance.max(), TINY
+            covariance[np.diag_indices(SECOND_CAUSE.points)] += SECOND_CAUSE.jitter * max(
+                covariance.max(), SECOND_CAUSE.tiny
             )
             # Regressors of unit prior variance.
             root: Array = np.asarray(np.linalg.cholesky(covariance), dtype=np.float64)
-            part = np.zeros((len(campaigns), BESIDE.points))
-            part[[r for r, _ in own]] = np.linalg.solve(root, kernel(points, places)).T
+            part = np.zeros((len(campaigns), SECOND_CAUSE.points))
+            part[[r for r, _ in own]] = np.linalg.solve(root, kernel(points, where)).T
             curves.append((e, sum(one.shape[1] for one in parts), root))
             parts.append(part)
-        parts.append(np.sqrt(BESIDE.nuisance) * campaigns.nuisances)
+        parts.append(np.sqrt(SECOND_CAUSE.nuisance) * campaigns.nuisances)
         return cls(np.concatenate(parts, axis=1), tuple(curves), sizes)
 
     def fitted(self, mean: Array, origin: Array, rows: Rows) -> tuple[Array, Array]:
@@ -177,8 +198,8 @@ class Design:
         weights = ridge(self.regressors[rows], mean[rows] - origin, 1.0)
         means = np.zeros((*self.sizes.shape, mean.shape[1]))
         for effect, first, root in self.curves:
-            means[effect] = root @ weights[first : first + BESIDE.points]
-        count = len(self.curves) * BESIDE.points
+            means[effect] = root @ weights[first : first + SECOND_CAUSE.points]
+        count = len(self.curves) * SECOND_CAUSE.points
         return means, self.regressors[:, :count] @ weights[:count]
 
 
@@ -219,15 +240,18 @@ class Seen:
         return np.asarray(self.alone + (self.beside * leads).sum(axis=1))
 
 
-def features(curves: Curves, own: Array, lead: int, seen: Seen, alike: Bools) -> Array:
+def features(
+    curves: Curves, own: Array, lead: int, seen: Seen, alike: Bools, allowed: Bools
+) -> Array:
     """What is judged of each other effect, and of nothing more, beside the one that leads.
 
     Args:
         curves: of the effects.
-        own: whitened discriminants of the campaign, shape (targets,).
+        own: whitened discriminants of the campaign, shape (whitened,).
         lead: index of the effect that leads.
         seen: what the networks make of the campaign.
         alike: effects declared alike, shape (effects, effects).
+        allowed: effects that the library has, shape (effects,).
 
     Returns:
         Shape (effects + 1, features), nothing more last; columns are of one or of the other.
@@ -243,29 +267,32 @@ def features(curves: Curves, own: Array, lead: int, seen: Seen, alike: Bools) ->
     rise = (most - alone.max()) / heat
     summed = np.log(np.exp((both - most[None, :, None]) / heat).mean(axis=(0, 2)))
     evidence = rise + summed - np.log(np.exp((alone - alone.max()) / heat).mean())
-    evidence = np.clip(evidence, -BESIDE.most_evidence, BESIDE.most_evidence)
+    evidence = np.clip(evidence, -SECOND_CAUSE.most_evidence, SECOND_CAUSE.most_evidence)
     root = np.sqrt(np.maximum(rise, 0.0))
-    root[lead] = 0.0
+    other = allowed & (np.arange(len(root)) != lead)
+    root[~other] = 0.0
     second, first = np.sort(root)[-2:]
     lone = root - np.where(root >= first, second, first)
-    own_size = np.log(curves.sizes[lead, int(alone.argmax())] + BESIDE.added_size)
+    own_size = np.log(curves.sizes[lead, int(alone.argmax())] + SECOND_CAUSE.added_size)
     place = both.max(axis=0).argmax(axis=1)
-    size = np.log(np.take_along_axis(curves.sizes, place[:, None], 1)[:, 0] + BESIDE.added_size)
-    total = max(float(seen.alone[lead] + seen.beside[lead].sum()), TINY)
-    share = np.log(np.maximum(seen.beside[lead] / total, TINY))
+    size = np.log(
+        np.take_along_axis(curves.sizes, place[:, None], 1)[:, 0] + SECOND_CAUSE.added_size
+    )
+    total = max(float(seen.alone[lead] + seen.beside[lead].sum()), SECOND_CAUSE.tiny)
+    share = np.log(np.maximum(seen.beside[lead] / total, SECOND_CAUSE.tiny))
     same = alike[lead].astype(np.float64)
-    logs = np.log(np.maximum(seen.acts, TINY))
+    logs = np.log(np.maximum(seen.acts, SECOND_CAUSE.tiny))
     shape = np.full(share.shape, own_size)
     others = np.stack(
         [root, root**2, evidence, size, lone, share, logs, same, same * root, root * own_size,
          share * root, shape, np.full(share.shape, np.log(heat))], axis=1,
     )  # fmt: skip
-    others[lead] = 0.0
-    alone_share = np.log(max(float(seen.alone[lead]) / total, TINY))
-    rest = np.delete(evidence, lead).max()
+    others[~other] = 0.0
+    alone_share = np.log(max(float(seen.alone[lead]) / total, SECOND_CAUSE.tiny))
+    rest = evidence[other].max(initial=-SECOND_CAUSE.most_evidence)
     nothing = [
         alone_share, first, first**2, rest, alone_share * first, own_size, np.log(heat),
-        np.log(max(seen.none, TINY)), np.log(max(seen.outside, TINY)),
+        np.log(max(seen.none, SECOND_CAUSE.tiny)), np.log(max(seen.outside, SECOND_CAUSE.tiny)),
     ]  # fmt: skip
     out = np.zeros((len(share) + 1, others.shape[1] + len(nothing)))
     out[:-1, : others.shape[1]] = others
@@ -304,13 +331,14 @@ def refined(
         alike: effects declared alike, shape (effects, effects).
         allowed: effects that the library has, shape (effects,).
         discriminants: of the campaign, shape (targets,).
-        curves: of the folds that count, whose probabilities are averaged.
+        curves: of the folds that count, whose probabilities are averaged, without the
+            discriminants of excluded effects.
     """
     seen = Seen.of(probability, sets)
     leading = seen.leading
     alone, beside = np.array(seen.alone), np.array(seen.beside)
     place = np.argsort(np.argsort(-seen.acts, kind="stable"))
-    led = np.flatnonzero(leading > BESIDE.least)
+    led = np.flatnonzero(leading > SECOND_CAUSE.least)
     for lead in led:
         below = place > place[lead]
         beside[lead, below] = beside[below, lead] = 0.0
@@ -321,7 +349,9 @@ def refined(
         share = np.zeros(may.size)
         for one in curves:
             own = (discriminants - one.origin) @ one.white
-            share += odds(one, features(one, own, int(lead), seen, alike), may) / len(curves)
+            share += odds(one, features(one, own, int(lead), seen, alike, allowed), may) / len(
+                curves
+            )
         alone[lead] += leading[lead] * share[-1]
         beside[lead] += leading[lead] * share[:-1]
         beside[:, lead] += leading[lead] * share[:-1]
@@ -362,7 +392,7 @@ def fit_curves(
     empty = np.zeros(0)
     plain = [Curves(white, origin, points @ white, design.sizes, empty, empty) for points in means]
     seen, rows, chosen = _judged(found, plain, truth, fold, probability)
-    scale = seen.std(axis=(0, 1)) + TINY
+    scale = seen.std(axis=(0, 1)) + SECOND_CAUSE.tiny
     out = []
     for k, one in enumerate(plain):
         own = fold[rows[:, 0]] != k
@@ -375,12 +405,12 @@ def fit_curves(
 def _whitening(left: Array) -> Array:
     """From discriminants to those whose chance has unit covariance; large ones count for less."""
     flat = left.reshape(-1, left.shape[-1])
-    scale = flat.std(axis=0) + TINY
+    scale = flat.std(axis=0) + SECOND_CAUSE.tiny
     flat = flat / scale
     size = np.sqrt((flat**2).mean(axis=1, keepdims=True))
     flat = flat / np.maximum(size / np.median(size), 1.0)
-    covariance = (1 - BESIDE.shrunk) * flat.T @ flat / len(flat)
-    covariance[np.diag_indices(len(covariance))] += BESIDE.shrunk
+    covariance = (1 - SECOND_CAUSE.shrunk) * flat.T @ flat / len(flat)
+    covariance[np.diag_indices(len(covariance))] += SECOND_CAUSE.shrunk
     return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)).T / scale[:, None])
 
 
@@ -400,8 +430,9 @@ def _judged(
     rows: list[tuple[int, int, int]] = []
     weight: list[float] = []
     nothing = len(truth.sets.names)
+    everything = np.ones(nothing, dtype=bool)
     few = np.isin(truth.acting.sum(axis=1), (1, 2))
-    for copy in range(len(found) - BESIDE.copies, len(found)):
+    for copy in range(len(found) - SECOND_CAUSE.copies, len(found)):
         for k, one in enumerate(curves):
             held = np.flatnonzero((fold == k) & few)
             own = (found[copy, held] - one.origin) @ one.white
@@ -411,7 +442,9 @@ def _judged(
                 for lead in acting:
                     others = acting[acting != lead]
                     out.append(
-                        features(one, place, int(lead), seen, truth.alike).astype(np.float32)
+                        features(one, place, int(lead), seen, truth.alike, everything).astype(
+                            np.float32
+                        )
                     )
                     rows.append((int(i), int(lead), int(others[0]) if others.size else nothing))
                     weight.append(float(truth.weight[i] * seen.leading[lead]))
@@ -420,7 +453,7 @@ def _judged(
 
 def _scaled(curves: Curves, found: Array) -> Array:
     """Features in their deviations, and the constant of nothing more."""
-    most = BESIDE.most_deviation
+    most = SECOND_CAUSE.most_deviation
     out = np.clip(found / curves.scale, -most, most)
     constant = np.zeros((*out.shape[:-1], 1))
     constant[..., -1, :] = 1.0
@@ -449,7 +482,7 @@ def _conditional_logit(x: Array, rows: Rows, weight: Array) -> Array:
         total = p.sum(axis=1, keepdims=True)
         logs = logits[count, rows[:, 2]] - most[:, 0] - np.log(total[:, 0])
         p *= share[:, None] / total
-        slope = np.tensordot(p, x, 2) - share @ true + 2 * BESIDE.penalty * w
-        return float(-(share @ logs) + BESIDE.penalty * (w @ w)), slope
+        slope = np.tensordot(p, x, 2) - share @ true + 2 * SECOND_CAUSE.penalty * w
+        return float(-(share @ logs) + SECOND_CAUSE.penalty * (w @ w)), slope
 
     return np.asarray(minimize(score, np.zeros(x.shape[-1]), jac=True, method="L-BFGS-B").x)

@@ -7,7 +7,7 @@ import pytest
 
 from diagnosis_samples import NAMES, linear
 from vsr2.ensemble.simulated.campaigns import Acting, Campaigns
-from vsr2.posterior.beside import Curves, Seen, features, fit_curves, odds, refined
+from vsr2.posterior.second_cause import Curves, Seen, features, fit_curves, odds, refined
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY
 from vsr2.posterior.truth import Truth
@@ -102,6 +102,37 @@ def test_what_the_library_lacks_stands_beside_nothing(curved) -> None:
     assert after.sum() == pytest.approx(1)
 
 
+def test_discriminants_of_excluded_effects_do_not_enter(curved) -> None:
+    own, curves = curved
+    p = own.probability(0, np.array([3]))[0]
+    allowed = np.arange(EFFECTS) != 2
+    p = p * ~SETS.members[:, 2]
+    p /= p.sum()
+    moved = own.discriminants[0, 3] + 5.0 * ~allowed
+    kept = [one.without(np.arange(EFFECTS), allowed) for one in curves]
+    found = [
+        refined(p, SETS, own.truth.alike, allowed, d, kept)
+        for d in (own.discriminants[0, 3], moved)
+    ]
+    np.testing.assert_allclose(*found)
+    everything = refined(p, SETS, own.truth.alike, allowed, moved, curves)
+    assert np.abs(everything - found[1]).max() > 1e-3
+
+
+def test_without_some_discriminants_the_others_have_their_own_covariance(curved) -> None:
+    _, curves = curved
+    allowed = np.arange(EFFECTS) != 2
+    covariance = np.linalg.inv(curves[0].white @ curves[0].white.T)
+    rest = curves[0].without(np.arange(EFFECTS), allowed).white[allowed]
+    np.testing.assert_allclose(rest @ rest.T, np.linalg.inv(covariance[np.ix_(allowed, allowed)]))
+
+
+def test_a_nuisance_is_never_excluded(curved) -> None:
+    _, curves = curved
+    effect = np.where(np.arange(EFFECTS) == 2, -1, np.arange(EFFECTS))
+    assert curves[0].without(effect, np.arange(EFFECTS) != 2) is curves[0]
+
+
 def test_each_pair_has_one_leader() -> None:
     p = np.random.default_rng(2).random(len(SETS))
     p /= p.sum()
@@ -115,7 +146,7 @@ def test_odds_leave_out_what_may_not_stand_there_and_sum_to_one(curved) -> None:
     own, curves = curved
     seen = Seen.of(own.probability(0, np.array([1]))[0], SETS)
     place = (own.discriminants[0, 1] - curves[0].origin) @ curves[0].white
-    found = features(curves[0], place, 0, seen, FLAT)
+    found = features(curves[0], place, 0, seen, FLAT, np.ones(EFFECTS, dtype=bool))
     may = np.arange(EFFECTS + 1) != 0
     share = odds(curves[0], found, may)
     assert share[0] == 0
