@@ -203,11 +203,11 @@ def posterior(path: Path) -> bytes:
 
     from vsr2.ensemble.simulated.library import free_parameters
     from vsr2.posterior.calibration import Levels
+    from vsr2.posterior.effect_curves import Curves
     from vsr2.posterior.files import save_posterior
     from vsr2.posterior.goodness_of_fit import LibraryFit
     from vsr2.posterior.network import Network
     from vsr2.posterior.parameters import Parameters
-    from vsr2.posterior.second_cause import Curves
     from vsr2.posterior.sets import Sets, declared_alike
     from vsr2.posterior.summaries import Standard, Summaries
     from vsr2.posterior.training import Posterior

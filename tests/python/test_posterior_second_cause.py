@@ -7,7 +7,8 @@ import pytest
 
 from diagnosis_samples import NAMES, linear
 from vsr2.ensemble.simulated.campaigns import Acting, Campaigns
-from vsr2.posterior.second_cause import Curves, Seen, features, fit_curves, odds, refined
+from vsr2.posterior.effect_curves import Curves
+from vsr2.posterior.second_cause import Seen, features, fit_curves, odds, refined
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY
 from vsr2.posterior.truth import Truth

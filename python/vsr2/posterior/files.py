@@ -20,12 +20,13 @@ from vsr2.ensemble.simulated.library import Library, free_parameters
 from vsr2.errors import ResultError
 from vsr2.posterior.calibration import CALIBRATED, Levels
 from vsr2.posterior.discrepancy import DISCREPANCY
+from vsr2.posterior.effect_curves import EFFECT_CURVE, Curves
 from vsr2.posterior.file_arrays import FileArrays
 from vsr2.posterior.goodness_of_fit import LIBRARY_FIT, LibraryFit
 from vsr2.posterior.naming import NAMING
 from vsr2.posterior.network import NETWORK, Network
 from vsr2.posterior.parameters import PARAMETERS, Parameters
-from vsr2.posterior.second_cause import SECOND_CAUSE, Curves
+from vsr2.posterior.second_cause import SECOND_CAUSE
 from vsr2.posterior.sets import Sets, declared_alike
 from vsr2.posterior.summaries import SUMMARY, Standard, Summaries
 from vsr2.posterior.training import TRAINING, Posterior
@@ -58,7 +59,7 @@ def posterior_file(
     digest = hashlib.blake2b(digest_size=8)
     constants = (
         SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATED,
-        PARAMETERS, SET_PRIOR, SECOND_CAUSE,
+        PARAMETERS, SET_PRIOR, EFFECT_CURVE, SECOND_CAUSE,
     )  # fmt: skip
     parts = (
         identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,

@@ -18,11 +18,12 @@ from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.one_line import counted
 from vsr2.posterior.calibration import Levels, Refine, best_temperature, calibrate, pooled
 from vsr2.posterior.discrepancy import Disturbance
+from vsr2.posterior.effect_curves import Curves
 from vsr2.posterior.goodness_of_fit import LibraryFit, fit_probability, misfit, misfits_by
 from vsr2.posterior.naming import Naming, candidates, decide
 from vsr2.posterior.network import Network, SetOutputs, train_network
 from vsr2.posterior.parameters import Parameters, fit_parameters
-from vsr2.posterior.second_cause import Curves, fit_curves, refined
+from vsr2.posterior.second_cause import fit_curves, refined
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY, Standard, Standards, Summaries, fit_summaries
 from vsr2.posterior.truth import PRIOR, Truth, left_out_together
