@@ -6,8 +6,9 @@ import numpy as np
 import pytest
 
 from diagnosis_samples import NAMES, linear
+from vsr2.effects import library as effects
 from vsr2.ensemble.simulated.campaigns import Acting, Campaigns
-from vsr2.posterior.effect_curves import Curves
+from vsr2.posterior.effect_curves import Curves, kernel_coordinates
 from vsr2.posterior.second_cause import Seen, features, fit_curves, odds, refined
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY
@@ -132,6 +133,13 @@ def test_a_nuisance_is_never_excluded(curved) -> None:
     _, curves = curved
     effect = np.where(np.arange(EFFECTS) == 2, -1, np.arange(EFFECTS))
     assert curves[0].without(effect, np.arange(EFFECTS) != 2) is curves[0]
+
+
+def test_a_parameter_without_a_known_null_has_a_finite_coordinate() -> None:
+    known = effects()
+    assert np.isnan(known["restitution"].parameters[0].null)
+    acting = [Acting("restitution", 1, size, (value,)) for size, value in ((0.9, 0.7), (9.0, 1.1))]
+    assert np.isfinite(kernel_coordinates(known, "restitution", acting)).all()
 
 
 def test_each_pair_has_one_leader() -> None:

@@ -93,7 +93,10 @@ class Curves:
 
 
 def kernel_coordinates(library: Library, name: str, acting: Sequence[Acting]) -> Array:
-    """Where effects lie for the kernel: amplitude, side, logarithms of sizes, other coordinates."""
+    """Where effects lie for the kernel: amplitude, side, logarithms of sizes, other coordinates.
+
+    A parameter whose null is not known, as no scene was asked for it, has no size.
+    """
     free = free_parameters(library[name])
     index = [list(library[name].parameters).index(p) for p in free]
     values = np.array([[one.values[k] for k in index] for one in acting])
@@ -103,7 +106,7 @@ def kernel_coordinates(library: Library, name: str, acting: Sequence[Acting]) ->
         if is_angle(p):
             turn = 2 * np.pi * (value - p.lower) / turn_of(p)
             others += [np.cos(turn), np.sin(turn)]
-        elif p.secondary:
+        elif p.secondary or np.isnan(p.null):
             others.append(2 * (value - p.lower) / (p.upper - p.lower))
         else:
             gap = np.abs(1 / value if np.isinf(p.null) else value - p.null)
