@@ -61,7 +61,7 @@ def short_trial(engine: str, log_every: int = 0) -> Trial:
             "rock": {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0},
             "settling": {"window": 0.01},
             "outcome": {"rest_window": 0.01, "tail": 1.0},
-            "motion": {"mode": "single_cosine", "pga_g": 0.2, "pgv_pga": 0.01},
+            "motion": {"mode": "single_cosine", "pga_g": 0.2, "pgv_pga_s": 0.01},
             "output": {"log_every": log_every},
         }
     )

@@ -54,7 +54,7 @@ rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0, start: {mode: yaw, y
 motion:
   mode: grid_cosine
   pga_g: {min: 0.2, max: 0.65, step: 0.05}
-  pgv_pga: {min: 0.06, max: 0.18, step: 0.04}
+  pgv_pga_s: {min: 0.06, max: 0.18, step: 0.04}
 engine: {mode: fast, time_step: 0.005}
 outcome: {tail: 0.5}
 output: {log_every: 0}

@@ -23,12 +23,14 @@ from itertools import accumulate
 from pathlib import Path
 from typing import Any
 
+import numpy as np
+
 from diagnosis_planar import write
 from planted import shaken_campaign
 from vsr2.campaign import Campaign, MeasurementNoise, load_campaign
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget, Diagnosis, diagnose
-from vsr2.ensemble import Execution
+from vsr2.ensemble import Execution, ProtocolCache
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import Effects, Request
 from vsr2.report.messages.progress_lines import ProgressLines
@@ -78,13 +80,24 @@ def specimen() -> Setup:
 SETUPS = {"block": block, "SP1": specimen}
 
 
-def shaken(setup: Setup, planted: Effects) -> Campaign:
-    """The campaign as a laboratory would hand it over, with what is planted."""
+def shaken(setup: Setup, planted: Effects, repeat: int = 1) -> Campaign:
+    """The campaign as a laboratory would hand it over, with what is planted.
+
+    Args:
+        setup: of the campaign.
+        planted: what acts.
+        repeat: of its nuisances.
+    """
     blank = setup.blank
     truth = SceneSimulator(blank, load_study(setup.scene), seed=10_001)
-    found = truth.run([Request(i, planted, 1, 1) for i in range(len(blank))])
+    found = truth.run([Request(i, planted, repeat, 1) for i in range(len(blank))])
     trials = tuple(
-        replace(trial, overturned=bool(found.overturned[i]), peak_tilt=float(found.peak_tilt[i]))
+        replace(
+            trial,
+            overturned=bool(found.overturned[i]),
+            # An overturned rock's largest tilt is not known.
+            peak_tilt=None if np.isnan(found.peak_tilt[i]) else float(found.peak_tilt[i]),
+        )
         for i, trial in enumerate(blank.trials)
     )
     return replace(blank, trials=trials, noise=MeasurementNoise(peak_tilt=NOISE))
@@ -144,6 +157,9 @@ def main() -> None:
     ]  # fmt: skip
     if setup.observed is not None:
         campaigns.append(("as observed", setup.observed))
+    execution = Execution(
+        options.threads, cache=ProtocolCache(out / "cache"), report=ProgressLines()
+    )
     rows = []
     for minutes, total in zip(options.cpu_minutes, accumulate(options.cpu_minutes), strict=True):
         budget = Budget(cpu_minutes=minutes)
@@ -152,9 +168,8 @@ def main() -> None:
             found = diagnose(
                 campaign,
                 setup.scene,
-                out=out / "cache",
                 budget=budget,
-                execution=Execution(options.threads, report=ProgressLines()),
+                execution=execution,
             )
             budget = Budget.repeating(found.content["provenance"])
             rows.append(row(planted, total, found, time.process_time() - begun))

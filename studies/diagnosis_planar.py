@@ -95,6 +95,11 @@ def pair_probability(found: Found, posterior: Posterior, wanted: set[str]) -> fl
     )
 
 
+def not_wrong(verdict: str, named: set[str], acting: set[str]) -> bool:
+    """As scoring has it: all classes of a pair act, or one of those that another name names."""
+    return bool(named) and named <= acting if verdict == "pair" else bool(named & acting)
+
+
 def row_of(found: Found, posterior: Posterior, kind: str, acting: Sequence[Acting]) -> Row:
     """What scoring needs of one campaign."""
     names, sets = posterior.sets.names, posterior.sets
@@ -119,7 +124,7 @@ def row_of(found: Found, posterior: Posterior, kind: str, acting: Sequence[Actin
         "limits": min((one.size for one in acting), default=0.0),
         "verdict": str(said.kind),
         "named": " ".join(names[e] for e in said.effects),
-        "right": int(kind not in (NONE, UNKNOWN) and bool(groups & named)),
+        "right": int(kind not in (NONE, UNKNOWN) and not_wrong(str(said.kind), named, groups)),
         "both": int(str(said.kind) == "pair" and named == groups),
         "lead": int(max(effects, key=lambda group: effects[group]) in true),
         "answer": int(top in true),

@@ -185,9 +185,9 @@ def responses(trials: list[Trial], threads: int | None) -> tuple[np.ndarray, np.
 def record(seed: int, factor: float) -> Motion:
     """A synthetic record, scaled."""
     random = np.random.default_rng([7, seed])
-    pgv_pga = float(random.uniform(0.05, 0.12))
+    pgv_pga_s = float(random.uniform(0.05, 0.12))
     name = f"synthetic_{seed:03d}"
-    return synthetic_motion(0.5, pgv_pga, 4.0, seed, 1e-3, name=name).scaled(factor, name=name)
+    return synthetic_motion(0.5, pgv_pga_s, 4.0, seed, 1e-3, name=name).scaled(factor, name=name)
 
 
 def borderline(scene: Scene, base: Pose, seed: int, threads: int | None) -> float | None:
@@ -253,7 +253,7 @@ def row_of(
     row = {
         "record": motion.name,
         "pga_g": f"{motion.pga_g:.3f}",
-        "pgv_pga_s": f"{motion.pgv_pga:.3f}",
+        "pgv_pga_s": f"{motion.pgv_pga_s:.3f}",
         "replicates": str(len(parts["exact"]["tilt"])),
     }
     for run in RUNS:

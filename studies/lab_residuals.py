@@ -86,7 +86,7 @@ def main() -> None:
     }
     looks = {
         "PGA": quarters(np.array([trial.pga_g for trial in asked]), "g"),
-        "PGV/PGA": quarters(np.array([trial.pgv_pga for trial in asked]), "s"),
+        "PGV/PGA": quarters(np.array([trial.pgv_pga_s for trial in asked]), "s"),
         "month": [day[:7] for day in days],
         "half of a day": ["1" if place[id(trial)] < 0.5 else "2" for trial in asked],
         "motion": motions.tolist(),

@@ -37,7 +37,7 @@ class Recipe:
 
     name: str
     pga: float
-    pgv_pga: float
+    pgv_pga_s: float
     duration: float
     seed: int
 
@@ -64,7 +64,7 @@ def displacement(recipe: Recipe) -> Array:
     for _ in range(40):
         middle = (low * high) ** 0.5
         # a higher ground frequency means more acceleration for the same velocity
-        if driven(recipe, noise(recipe, middle)).pgv_pga > recipe.pgv_pga:
+        if driven(recipe, noise(recipe, middle)).pgv_pga_s > recipe.pgv_pga_s:
             low = middle
         else:
             high = middle
@@ -86,7 +86,8 @@ def driven(recipe: Recipe, moved: Array) -> Motion:
 def text(recipe: Recipe) -> str:
     """The record as a file in the neutral form."""
     rows = [
-        f"# synthetic, seed {recipe.seed}: PGA {recipe.pga:.2f} g, PGV/PGA {recipe.pgv_pga:.2f} s",
+        f"# synthetic, seed {recipe.seed}: PGA {recipe.pga:.2f} g, "
+        f"PGV/PGA {recipe.pgv_pga_s:.2f} s",
         "time_s,displacement_m",
     ]
     rows += [

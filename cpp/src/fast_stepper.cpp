@@ -122,7 +122,7 @@ void FastStepper::restore(const Snapshot& snapshot) {
   closed_ = snapshot.closed;
 }
 
-// Where an edge or a face lies flat on the top, the closest point is where Bullet's search ends.
+// Where an edge or a face lies flat on the top, Bullet's search ends at some point of it.
 bool FastStepper::closest_by_bullet(const Support& support, Vector3d& p_W_rock,
                                     Vector3d& p_W_support, double& distance) const {
   const FastModel& m = *model_;
@@ -227,6 +227,13 @@ void FastStepper::add(const Vector3d& p_B, const Vector3d& p_P, double distance)
   c.distance = distance;
 }
 
+bool FastStepper::keeps(const Vector3d& vertex_P) const {
+  const Vector3d point = vertex_P - Vector3d(0, 0, model_->margin);
+  return std::any_of(contacts_.begin(), contacts_.begin() + count_, [&](const Contact& c) {
+    return (c.r_P - point).norm() < model_->breaking_threshold;
+  });
+}
+
 FastStepper::Verdict FastStepper::detect(const Support& support) {
   RockOverTop rock{state.q_WB.toRotationMatrix(), state.p_WB - support.p_WP};
   if (!support.level) {
@@ -310,8 +317,10 @@ FastStepper::Verdict FastStepper::detect_hull(const RockOverTop& rock, const Sup
     count_ = 0;
     return Verdict::in_domain;
   }
-  // The margin lies along the support's normal, not in the rock's frame.
-  if (low_.is_alone(i, up_B, m.same_height)) {
+  // The margin lies along the support's normal, not in the rock's frame. Of level vertices each is a
+  // contact of its own, as one of them is the lowest in turn; a point between them would be one more by
+  // chance, since Bullet takes it only where they are level to `same_height`.
+  if (m.engine.converged_contacts || low_.is_alone(i, up_B, m.same_height)) {
     add(vertex - m.margin * up_B, {point.x(), point.y(), top}, distance);
     return Verdict::in_domain;
   }

@@ -122,6 +122,8 @@ class FastStepper {
   const FastModel& model() const { return *model_; }
   int contact_count() const { return count_; }
   const Contact& contact(int i) const { return contacts_[i]; }
+  /// Whether a vertex, from the mass centre along P's axes, is one of the contacts or would replace one.
+  bool keeps(const Eigen::Vector3d& vertex_P) const;
   /// Sweeps of the latest step that were done one by one; 0: no contact slid, and none was needed.
   int iterations() const { return iterations_; }
   /// Steps since a contact opened, closed or slid.

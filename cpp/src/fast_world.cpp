@@ -2,6 +2,7 @@
 // leaves it.
 
 #include <algorithm>
+#include <cmath>
 #include <optional>
 #include <vector>
 
@@ -10,6 +11,7 @@
 #include "fast_stepper.hpp"
 #include "foothold.hpp"
 #include "scene_shapes.hpp"
+#include "vsr2/constants.hpp"
 #include "vsr2/engines.hpp"
 
 namespace vsr2 {
@@ -146,22 +148,56 @@ class FastWorld final : public World {
 
   Handover handover() const override { return handover_; }
 
-  std::optional<Foothold> foothold() const override {
-    if (bullet_ || joint_ || !prescribes(drive_) || !moves()) return std::nullopt;
+  bool foothold(Foothold& out) const override {
+    if (!stands()) return false;
     const FastModel& model = stepper_.model();
     const Eigen::Matrix3d R_TB = last_turn_.transpose() * stepper_.state.q_WB.toRotationMatrix();
-    Foothold foothold{.R_WT = last_turn_,
-                      .friction = FrictionBounds::of(model.pair,
-                                                     std::min(1.0, scene_->mechanisms().friction_ratio)),
-                      .normal = NormalLaw::of(model.pair),
-                      .mass = model.mass,
-                      .inertia_T = R_TB * model.inertia.asDiagonal() * R_TB.transpose()};
+    out.R_WT = last_turn_;
+    out.friction = FrictionBounds::of(model.pair, std::min(1.0, scene_->mechanisms().friction_ratio));
+    out.normal = NormalLaw::of(model.pair);
+    out.mass = model.mass;
+    out.inertia_T = R_TB * model.inertia.asDiagonal() * R_TB.transpose();
+    out.count = 0;
     for (int i = 0; i < stepper_.contact_count(); ++i) {
       const FastStepper::Contact& c = stepper_.contact(i);
-      if (c.normal_impulse > 0) foothold.r_T[foothold.count++] = c.r_P;
+      if (c.normal_impulse > 0) out.r_T[out.count++] = c.r_P;
     }
-    if (foothold.count == 0) return std::nullopt;
-    return foothold;
+    out.low.clear();
+    out.same_height = model.same_height;
+    return true;
+  }
+
+  // While n contacts with springs k hold on a top that rises by no more than g, they press by d_i with a sum
+  // of at most 2 m g / k, and so has the change of all d_i. By least squares the rock then tilts by no more
+  // than that over the root of the lesser moment of the contacts.
+  void add_low_vertices(Foothold& out) const override {
+    const FastModel& model = stepper_.model();
+    if (model.is_box) return;
+    const Eigen::Matrix3d R_TB = last_turn_.transpose() * stepper_.state.q_WB.toRotationMatrix();
+    Eigen::Vector3d middle = Eigen::Vector3d::Zero();
+    for (int i = 0; i < out.count; ++i) middle += out.r_T[i] / out.count;
+    Eigen::Matrix2d moments = Eigen::Matrix2d::Zero();
+    Eigen::Vector2d heights = Eigen::Vector2d::Zero();
+    for (int i = 0; i < out.count; ++i) {
+      const Eigen::Vector3d from = out.r_T[i] - middle;
+      moments += from.head<2>() * from.head<2>().transpose();
+      heights += from.z() * from.head<2>();
+    }
+    const double half_trace = 0.5 * moments.trace();
+    const double lesser = half_trace - std::sqrt(std::max(
+                              0.0, half_trace * half_trace - moments.determinant()));
+    const double tilts =
+        2.0 * model.mass * scene_->engine().gravity / (out.normal.stiffness * std::sqrt(lesser));
+    const Eigen::Vector2d slope = moments.inverse() * heights;
+    if (!std::isfinite(tilts) || !slope.allFinite()) return;
+    const PointView vertices = model.vertices.view();
+    for (std::size_t i = 0; i < vertices.size; ++i) {
+      const Eigen::Vector3d r_T = R_TB * vertices.at(i);
+      const Eigen::Vector3d from = r_T - middle;
+      const double offset = from.z() - model.margin - slope.dot(from.head<2>());
+      if (offset < kQuietStretch.safety * tilts * from.head<2>().norm() && !stepper_.keeps(r_T))
+        out.low.push_back({r_T, offset});
+    }
   }
 
   std::int64_t steps_held() const override {
@@ -169,7 +205,7 @@ class FastWorld final : public World {
   }
 
   void carry(const DriveTarget& from, const DriveTarget& to) override {
-    if (!foothold() || to.excursion.pitch != pedestal_.excursion.pitch) return World::carry(from, to);
+    if (!stands() || to.excursion.pitch != pedestal_.excursion.pitch) return World::carry(from, to);
     const PedestalState start{from.position, 0.0, from.excursion, {}};
     const Eigen::Vector3d before = motion_now().p_WP;
     pedestal_ = on_the_way(drive_, start, start, to, 1, 1, scene_->engine().time_step);
@@ -200,6 +236,14 @@ class FastWorld final : public World {
 
  private:
   bool moves() const { return has_rock_ && !diverged_; }
+
+  // Whether the rock stands on a top whose motion is given.
+  bool stands() const {
+    if (bullet_ || joint_ || !prescribes(drive_) || !moves()) return false;
+    for (int i = 0; i < stepper_.contact_count(); ++i)
+      if (stepper_.contact(i).normal_impulse > 0) return true;
+    return false;
+  }
 
   // Solver step `i`, from 1; false: the contact geometry does not hold, and nothing was done.
   bool substep(const DriveTarget& target, double dt, const PedestalState& start, int i) {

@@ -26,7 +26,8 @@ double factor(double decay, double restoring, double h) {
 }  // namespace
 
 Bearing::Bearing(const Foothold& foothold, double gravity, double substep, int substeps)
-    : count_(foothold.count),
+    : foothold_(foothold),
+      count_(foothold.count),
       h_(substep),
       substeps_(substeps),
       mass_(foothold.mass),
@@ -45,7 +46,8 @@ Bearing::Bearing(const Foothold& foothold, double gravity, double substep, int s
     unit_springs += rise * rise.transpose();
   }
   const Eigen::GeneralizedSelfAdjointEigenSolver<Matrix3d> solver(unit_springs, inertia);
-  const Matrix3d& shapes = solver.eigenvectors();
+  shapes_ = solver.eigenvectors();
+  const Matrix3d& shapes = shapes_;
   damper_ = 1.0 / foothold.normal.softness(h_);
   spring_ = damper_ * foothold.normal.erp(h_) / h_;
   const Array3d springs = solver.eigenvalues().array();
@@ -61,13 +63,12 @@ Bearing::Bearing(const Foothold& foothold, double gravity, double substep, int s
   swing_.row(1) = z * shapes.row(0);
   const Vector3d fall_T = h_ * (R_TW_ * Vector3d(0, 0, -gravity));
   lateral_ = -mass_ * fall_T.head<2>();
-  const Vector3d rest =
-      ((shapes.transpose() * pull * fall_T).array() / modes_.restoring).matrix();
+  rest_ = ((shapes.transpose() * pull * fall_T).array() / modes_.restoring).matrix();
   stands_ = true;
   for (int i = 0; i < count_; ++i) {
     Contact& c = contacts_[i];
     c.rise = Vector3d(r[i].y(), -r[i].x(), 1.0).transpose() * shapes;
-    c.deflection = c.rise * rest;
+    c.deflection = c.rise * rest_;
     c.impulse = -spring_ * c.deflection;
     stands_ = stands_ && c.impulse > 0;
   }
@@ -92,17 +93,28 @@ bool Bearing::substep(const Vector3d& dv_T) {
   const Vector3d after = modes_.place;
   bool holds = true;
   double normal = 0.0;
+  double lowest = 0.0;
   for (int i = 0; i < count_; ++i) {
     const Contact& c = contacts_[i];
     const double change = -spring_ * c.rise.dot(place) - damper_ * c.rise.dot(velocity);
     const double impulse = c.impulse + kQuietStretch.safety * change;
-    holds = holds && impulse > 0 &&
-            c.deflection + kQuietStretch.safety * c.rise.dot(after) < 0;
+    const double deflection = c.deflection + kQuietStretch.safety * c.rise.dot(after);
+    holds = holds && impulse > 0 && deflection < 0;
+    lowest = std::min(lowest, deflection);
     normal += impulse;
   }
   const Vector2d pushed = dv_T.head<2>() + swing_ * (modes_.velocity - before).matrix();
   const Vector2d lateral = lateral_ + kQuietStretch.safety * mass_ * pushed;
-  return holds && lateral.norm() <= friction_.lateral(normal);
+  return holds && lateral.norm() <= friction_.lateral(normal) && !gains_contact(lowest, after);
+}
+
+// Whether a vertex is below `lowest`, the lowest contact, where the modes are at `place`.
+bool Bearing::gains_contact(double lowest, const Vector3d& place) const {
+  const Vector3d moved = shapes_ * (rest_ + kQuietStretch.safety * place);
+  return std::any_of(foothold_.low.begin(), foothold_.low.end(), [&](const Foothold::Low& v) {
+    return v.r_T.y() * moved.x() - v.r_T.x() * moved.y() + moved.z() + v.offset <
+           lowest - foothold_.same_height;
+  });
 }
 
 QuietStretches::QuietStretches(const TrialSpec& spec)
@@ -123,30 +135,35 @@ Vector3d QuietStretches::velocity_change(std::int64_t k) const {
           spec_.vertical ? of(*spec_.vertical) : 0.0};
 }
 
-std::int64_t QuietStretches::last(const Foothold& foothold, std::optional<std::int64_t> held,
-                                  std::int64_t k, std::int64_t end, std::int64_t& next) const {
-  next = end + 1;
-  if (spec_.pitch) return k;
+std::int64_t QuietStretches::last(const World& world, std::optional<std::int64_t> held,
+                                  std::int64_t k, std::int64_t end, std::int64_t& next) {
+  next = k + 1;
+  if (spec_.pitch || !world.foothold(foothold_)) return k;
+  const std::int64_t found = ask(world, held, k, end, next);
+  const auto longest = static_cast<std::int64_t>(kQuietStretch.still_window / dt_);
+  wait_ = found > k ? 1 : std::clamp<std::int64_t>(2 * wait_, 1, longest);
+  next = std::max(next, found + wait_);
+  return found;
+}
+
+std::int64_t QuietStretches::ask(const World& world, std::optional<std::int64_t> held,
+                                 std::int64_t k, std::int64_t end, std::int64_t& next) {
   const EngineSettings& engine = spec_.start->scene()->engine();
-  Bearing bearing(foothold, engine.gravity, dt_ / substeps_, substeps_);
-  if (!bearing.stands()) {
-    next = k + 1;
+  Bearing bearing(foothold_, engine.gravity, dt_ / substeps_, substeps_);
+  if (!bearing.stands()) return k;
+  const auto faded = static_cast<std::int64_t>(std::ceil(kQuietStretch.faded * bearing.memory() / dt_));
+  if (held && *held < faded) {
+    next = k + faded - *held;
     return k;
   }
-  const auto faded = static_cast<std::int64_t>(std::ceil(kQuietStretch.faded * bearing.memory() / dt_));
-  if (held) {
-    if (*held < faded) {
-      next = k + faded - *held;
-      return k;
-    }
-    // What the rock still answers to; its contacts have held.
+  world.add_low_vertices(foothold_);
+  // What the rock still answers to; its contacts have held.
+  if (held)
     for (std::int64_t i = k - faded + 1; i <= k; ++i) bearing.advance(velocity_change(i));
-  }
   std::int64_t i = k + 1;
   while (i <= end && bearing.advance(velocity_change(i))) ++i;
-  if (i > end) return end;
   next = i + 1;
-  return std::max(k, i - 1 - faded);
+  return i > end ? end : std::max(k, i - 1 - faded);
 }
 
 }  // namespace vsr2

@@ -20,13 +20,15 @@ namespace vsr2 {
 ///     M (v' - v) = h F - K (v' + (erp / h) q) / softness,        q' = q + h v'.
 ///
 /// Eigenvectors of K over M make three oscillators of them, and each takes a few operations a step.
-/// The contacts hold the rock where every impulse is positive, every spring is compressed, and the
-/// lateral impulse of all lies within what friction bears of the normal ones. What the motion adds
+/// The contacts hold the rock where every impulse is positive, every spring is compressed, the lateral
+/// impulse of all lies within what friction bears of the normal ones, and no other vertex comes below all
+/// contacts: it would be one more, which stays. What the motion adds
 /// to rest is enlarged by kQuietStretch.safety, for what the model of small deflections leaves out.
 ///
 /// Source of the modes: L. Meirovitch, "Fundamentals of Vibrations" (2001), ch. 7.
 class Bearing {
  public:
+  /// @param foothold outlives this.
   /// @param gravity [m/s^2].
   /// @param substep,substeps solver steps of a time step, each of `substep` [s].
   Bearing(const Foothold& foothold, double gravity, double substep, int substeps);
@@ -57,7 +59,12 @@ class Bearing {
 
   bool substep(const Eigen::Vector3d& dv_T);
 
+  bool gains_contact(double lowest, const Eigen::Vector3d& place) const;
+
+  const Foothold& foothold_;
   Modes modes_;
+  Eigen::Matrix3d shapes_;  ///< of the modes: tilts about x and y of T [rad], rise [m]
+  Eigen::Vector3d rest_;    ///< where the modes rest
   std::array<Contact, 4> contacts_;
   int count_ = 0;
   bool stands_ = false;
@@ -79,17 +86,22 @@ class QuietStretches {
   /// @param spec outlives this.
   explicit QuietStretches(const TrialSpec& spec);
 
-  /// The last set-point up to which the rock is still as it is at set-point `k`, contacts without
-  /// memory of what was before; at most `end`. `k` itself where it has to be stepped from there.
+  /// The last set-point up to which the rock of `world` is still as it is at set-point `k`, contacts
+  /// without memory of what was before; at most `end`. `k` itself where it has to be stepped from there.
   /// `held`: time steps since one of its contacts opened, closed or slid; none where the rock is slow
-  /// instead. `next` becomes the first set-point from which asking again may give more.
-  std::int64_t last(const Foothold& foothold, std::optional<std::int64_t> held, std::int64_t k,
-                    std::int64_t end, std::int64_t& next) const;
+  /// instead. `next` becomes the first set-point from which to ask again: where asking was in vain, after
+  /// twice the time of before.
+  std::int64_t last(const World& world, std::optional<std::int64_t> held, std::int64_t k,
+                    std::int64_t end, std::int64_t& next);
 
  private:
   Eigen::Vector3d velocity_change(std::int64_t k) const;
+  std::int64_t ask(const World& world, std::optional<std::int64_t> held, std::int64_t k,
+                   std::int64_t end, std::int64_t& next);
 
   const TrialSpec& spec_;
+  Foothold foothold_;  ///< kept for its memory
+  std::int64_t wait_ = 1;
   double dt_;
   int substeps_;
 };

@@ -166,9 +166,7 @@ class Trial {
       held = world_.steps_held();
       if (*held < still_.window_steps()) return;
     }
-    const std::optional<Foothold> foothold = world_.foothold();
-    if (!foothold) return;
-    const std::int64_t last = quiet_.last(*foothold, held, shaken_, size_, ask_from_);
+    const std::int64_t last = quiet_.last(world_.world(), held, shaken_, size_, ask_from_);
     rests_to_end_ = last == size_;
     rest_until(std::min(last, size_ - 1));
   }

@@ -37,7 +37,6 @@ class TrialWorld {
   Pose on_pedestal() const;
   double dt() const { return dt_; }
   bool swings() const { return pedestal_spec_.pitch_spring.has_value(); }
-  std::optional<Foothold> foothold() const { return world_->foothold(); }
   std::int64_t steps_held() const { return world_->steps_held(); }
 
   /// Advances one step; false: the trial ends here (diverged or cancelled).

@@ -47,7 +47,7 @@ void require_no_rock(bool has_rock) {
   if (has_rock) throw InvalidInput("there is a rock already; delete it first", Fault::rock_present);
 }
 
-std::optional<Foothold> World::foothold() const { return std::nullopt; }
+bool World::foothold(Foothold&) const { return false; }
 
 void World::carry(const DriveTarget&, const DriveTarget&) {
   throw InvalidInput("this world cannot carry its rock");

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
@@ -25,6 +26,8 @@ class NearWords:
 
 
 NEAR = NearWords()
+_LARGEST = re.compile("^(maximum|max|largest|greatest)")
+"""What a word begins with that means what begins with `peak` here."""
 
 
 def near_words(
@@ -38,7 +41,9 @@ def nearest(word: str, choices: Iterable[str]) -> str | None:
     """The choice that `word` most likely means; camelCase (as in ROS 2 files) is understood."""
     plain = {choice.replace("_", "").lower(): choice for choice in choices}
     word = word[: NEAR.longest].replace("_", "").lower()
-    near = near_words(word, plain)
+    # What a series is named by is no name of its largest value.
+    near = near_words(_LARGEST.sub("peak", word), [name for name in plain if name[:4] == "peak"])
+    near = near or near_words(word, plain)
     # A shorter word says less by its share of equal letters; its start and end say more.
     near = near or [name for name in plain if len(word) > 2 and name.startswith(word)]
     near = near or [

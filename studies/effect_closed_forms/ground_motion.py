@@ -51,7 +51,7 @@ def time_scale(effect: Effect, bench: Bench) -> list[Check]:
     trial = replace(bench.block(), motion=bench.pulse(2.0, 2.0))
     slow = effect.change(trial, {"change": 0.03}).motion
     return [
-        Check("PGV of a pulse, over 1.03 [m/s]", slow.pgv, trial.motion.pgv / 1.03, 1e-4),
+        Check("PGV of a pulse, over 1.03 [m/s]", slow.pgv_m_s, trial.motion.pgv_m_s / 1.03, 1e-4),
         Check(
             "PGA inside the pulse, over 1.03^2 [m/s^2]",
             float(np.abs(slow.acceleration[100:-100]).max()), 2.0 / 1.03**2, 2e-3,

@@ -38,6 +38,7 @@ from typing import Any
 
 HERE = Path(__file__).resolve().parent
 sys.path.insert(0, str(HERE))
+import fuzz_results  # noqa: E402
 from fuzz_stores import READ, read_store, store_seeds  # noqa: E402
 
 ROOT = HERE.parents[1]
@@ -59,16 +60,10 @@ SUFFIXES = {
     ),
     "campaign": (".yaml", ".csv", ".npz"),
     "store": tuple(READ),
+    **{reader: tuple(by_suffix) for reader, by_suffix in fuzz_results.READ.items()},
 }
-FOLDERS = {
-    "config": "configs",
-    "ros2": "",
-    "mesh": "models",
-    "urdf": "models",
-    "motion": "configs",
-    "campaign": "",
-    "store": "",
-}
+FOLDERS = {"config": "configs", "mesh": "models", "urdf": "models", "motion": "configs"}
+"""Of the repository, with files that are mutated."""
 
 # What breaks readers: odd numbers, syntax of each format, keys of the format in the wrong place.
 PIECES = [
@@ -77,6 +72,8 @@ PIECES = [
     *b"<!DOCTYPE <!ENTITY &x; ]]> <![CDATA[ </link> <link> <mesh xyz='' rpy='nan'".split(),
     *b'1e400 NaN Infinity -Infinity null false -1.5 "1" {} [1]'.split(),
     *b"f 1 1 1 v nan 0 0 f -1 -2 -3 f 99999999 vertex facet endsolid element list".split(),
+    *b"poe-0.1 poe-nan poe--1 1.0 1e-320 investigation_time=0 imt='PGA' lon lat all".split(),
+    *b"azimuths: fragility: parameters: keys: range: values: method: kind: result_files".split(),
     *b"rock_structure_mesh engineSettings ros__parameters shape: mode: ../.. /dev/zero".split(),
     *(b"\0", b"\xff", b"\xef\xbb\xbf", b"\n", b"\r\n", b"\t", b"  ", b'"', b"\\UFFFFFFFF"),
     *b"NPTS= DT= 999999999 UNITS OF CM/S G -.1-.1 E+999 ***** 24,0.005 ground_motion_id".split(),
@@ -157,6 +154,10 @@ READERS: dict[str, Callable[[Path], None]] = {
     "motion": read_motion,
     "campaign": read_campaign,
     "store": read_store,
+    **{
+        reader: lambda path, by_suffix=by_suffix: by_suffix[path.suffix](path)
+        for reader, by_suffix in fuzz_results.READ.items()
+    },
 }
 
 
@@ -167,7 +168,7 @@ class HangError(BaseException):
 def seeds(reader: str) -> list[tuple[str, bytes]]:
     """Suffix and content of the real files that are mutated, in a fixed order."""
     folders = [HERE / "corpus" / reader]
-    if FOLDERS[reader]:
+    if reader in FOLDERS:
         folders.append(ROOT / FOLDERS[reader])
     paths = [path for folder in folders for path in sorted(folder.rglob("*"))]
     found = [
@@ -211,6 +212,8 @@ def made_seeds(reader: str) -> list[tuple[str, bytes]]:
         return made
     if reader == "store":
         return store_seeds()
+    if reader in fuzz_results.READ:
+        return fuzz_results.result_seeds(reader)
     if reader == "mesh":
         corners = np.array([[0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1]], dtype="<f4")
         faces = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]

@@ -87,7 +87,7 @@ def draw(seed: int, number: int, *, damping: float = 1.0) -> Trial:
         "motion": {
             "mode": "single_cosine",
             "pga_g": 10 ** chance.uniform(-1.0, 0.3),
-            "pgv_pga": 10 ** chance.uniform(-1.3, -0.5),
+            "pgv_pga_s": 10 ** chance.uniform(-1.3, -0.5),
             "drive": str(chance.choice(["prescribed", "motor"])),
         },
         "engine": {

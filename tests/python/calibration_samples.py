@@ -69,7 +69,7 @@ def planted_study(folder: Path) -> Study:
             "motion": {
                 "mode": "grid_cosine",
                 "pga_g": {"min": 0.25, "max": 0.6, "step": 0.05},
-                "pgv_pga": {"min": 0.1, "max": 0.2, "step": 0.05},
+                "pgv_pga_s": {"min": 0.1, "max": 0.2, "step": 0.05},
                 "drive": "prescribed",
             },
             "outcome": {"tail": 2.0},

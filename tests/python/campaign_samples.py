@@ -50,7 +50,7 @@ def campaign(**changes):
                 motion_file="pulse",
                 peak_tilt=0.0123456789012345,
                 pga_g=1.25,
-                pgv_pga=0.08,
+                pgv_pga_s=0.08,
                 date=datetime.date(2021, 6, 21),
                 extra={"x_peer": 1.0, "x_other": -2.5e-7},
                 series=series(),
@@ -93,7 +93,7 @@ def grid(motions=12, scalings=9, seed=1):
                     specimen="rock",
                     overturned=pga > 4.0 + rng.normal(0, 0.5),
                     pga_g=pga,
-                    pgv_pga=ratio,
+                    pgv_pga_s=ratio,
                 )
             )
     return Campaign(name="grid", trials=tuple(trials), specimens={"rock": Specimen()})

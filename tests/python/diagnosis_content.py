@@ -48,7 +48,7 @@ NONE_CAN_BE = {"value": None, "ci95": None}
 GAP = {"code": "gap", "values": {"none": 0.01, "limit": 0.3}}
 
 LOW_PGA = location(
-    {"pga": "low"}, "outcome", "outcome", "response", 0.9, 0.004,
+    {"pga_g": "low"}, "outcome", "outcome", "response", 0.9, 0.004,
     concentration=2.4, concentration_ci90=[2.1, 2.9], trials=["A", "B"],
 )  # fmt: skip
 
@@ -80,7 +80,7 @@ CONTENT = {
         LOW_PGA,
         location({}, "outcome", "outcome", "response", 0.6, 0.01),
         location(
-            {"pga": "high"}, "outcome", "outcome", "response", 0.5, 0.02, concentration=1.4
+            {"pga_g": "high"}, "outcome", "outcome", "response", 0.5, 0.02, concentration=1.4
         ),
         location({}, "largest_tilt", "tilt", "strong_shaking", -0.3, 0.5),
     ],
@@ -164,7 +164,7 @@ ROWS = tuple(
         "session": session,
         "order": order,
         "log_pga_g": pga,
-        "log_ratio": -2.0 + 0.1 * order,
+        "log_pgv_pga_s": -2.0 + 0.1 * order,
         "overturned": overturned,
         "uncertain": 1,
         "before": before,
@@ -184,7 +184,7 @@ def named_throughout(name: str) -> Diagnosis:
     measure = CONTENT["next_measurement"] | {"repetition": repetition, "splits": [name, "wear"]}
     measure["others"] = [{"name": name, "instrument": "slack", "repetition": repetition}]
     there = location(
-        {"pga": name, "pgv_pga": name}, name, name, "response", 0.6, 0.01, trials=[name]
+        {"pga_g": name, "pgv_pga_s": name}, name, name, "response", 0.6, 0.01, trials=[name]
     )
     measure["out_of_library"] = {"trial": name, "tier": "M", "location": there}
     content = CONTENT | {

@@ -80,7 +80,7 @@ def test_out_of_fold_never_sees_the_motion():
     )
     # The folds of the turned campaign may differ, so each is predicted by hand.
     pga = np.array([t.pga_g for t in campaign.trials]) * STANDARD_GRAVITY
-    ratio = np.array([t.pgv_pga for t in campaign.trials])
+    ratio = np.array([t.pgv_pga_s for t in campaign.trials])
     for k in range(4):
         test = base.fold == k
         by_hand = [
@@ -110,7 +110,7 @@ def test_trials_without_outcome_or_intensity_are_left_out():
             return replace(t, overturned=None)
         if t.order == 1:
             return replace(t, pga_g=None)
-        return replace(t, pgv_pga=0.0) if t.order == 2 else t
+        return replace(t, pgv_pga_s=0.0) if t.order == 2 else t
 
     base = logistic_baseline(changed(campaign, spoil), folds=4)
     assert np.flatnonzero(~base.used).tolist() == [0, 1, 2]

@@ -18,7 +18,15 @@ from vsr2.diagnosis import Budget, iterate
 from vsr2.ensemble import Execution, Hypotheses
 from vsr2.errors import CampaignError, DiagnosisError, MotionError, Renamed, Vsr2Error
 from vsr2.fragility import run_fragility
-from vsr2.motion import Motion, Record, from_signal, read_record, response_spectrum
+from vsr2.motion import (
+    Motion,
+    Record,
+    cosine_parameters,
+    from_signal,
+    read_record,
+    response_spectrum,
+    synthetic_motion,
+)
 from vsr2.scene.mesh import mesh_from_arrays
 
 PUBLIC: list[Any] = [getattr(vsr2, name) for name in vsr2.__all__]
@@ -26,6 +34,7 @@ PUBLIC = [one for one in PUBLIC if callable(one) and one not in (vsr2.Study, vsr
 """A study checks its keys as a file's; a diagnosis is made by `diagnose` alone."""
 MORE = [Campaign, CampaignTrial, MeasurementNoise, simulate_campaign, Record]
 MORE += [Budget, Execution, Hypotheses, iterate]
+MORE += [cosine_parameters, synthetic_motion]
 
 
 @pytest.mark.parametrize("of", [*PUBLIC, *MORE], ids=lambda one: one.__name__)
@@ -43,6 +52,9 @@ def test_every_public_callable_names_the_argument_that_is_meant(of: Callable[...
     ("call", "error", "said"),
     [
         (lambda: CampaignTrial(pga=0.3), CampaignError, "(pga=...): is gone; use pga_g [g]"),
+        (lambda: CampaignTrial(pgv_pga=0.1), CampaignError, "is gone; use pgv_pga_s [s]"),
+        (lambda: synthetic_motion(pgv_pga=0.1), MotionError, "did you mean `pgv_pga_s`?"),
+        (lambda: cosine_parameters(pgv_pga=0.1), MotionError, "did you mean `pgv_pga_s`?"),
         (lambda: RunOptions(thread=1), CampaignError, "did you mean `threads`?"),
         (lambda: Motion(tiem_step=1), MotionError, "did you mean `time_step`?"),
         (lambda: Budget(minute=1), DiagnosisError, "did you mean `minutes`?"),

@@ -22,16 +22,13 @@ from foreign_pack import (
     write_pack,
 )
 from vsr2.blind import diagnose_pack, score_pack
-from vsr2.blind.form.events import EventCode
-from vsr2.blind.form.seal import key_slips, open_key, read_pack
+from vsr2.blind.form.seal import open_key, read_pack
 from vsr2.blind.scoring.cases import groups, read_cases
 from vsr2.blind.scoring.score import (
     ScoreCode,
     where_gain,
 )
-from vsr2.codes import Statement
 from vsr2.errors import BlindError
-from vsr2.report.messages.blind_packs import event_text
 
 
 @pytest.fixture(autouse=True)
@@ -242,27 +239,6 @@ def test_unresolved_without_a_gap_counts_apart(pack, tmp_path) -> None:
     scores = score_pack(data, key, out, tmp_path / "scores").scores["M", "all"]
     assert scores[ScoreCode.NONE_NAMED].value == 0.0
     assert scores[ScoreCode.NONE_SAID].value == 0.0
-
-
-def test_misspelt_names_of_a_key_are_said_with_the_nearest(tmp_path) -> None:
-    key = copy.deepcopy(KEY)
-    effects = key["campaigns"]["Hall.1"]["effects"]
-    effects[0] |= {"name": "table_gian", "values": {"change": 0.1}, "strength": "change", "null": 0}
-    other = {"name": "friction", "values": {"facter": 0.8}, "strength": "facter", "null": 1.0}
-    key["campaigns"]["hall-3"] |= {"effects": [other], "exclude": ["friction"]}
-    listed = [{"id": "Hall.1", "protocol": 2, "exclude": ["wind"]}, {"id": "Hall.2"},
-              {"id": "hall-3", "exclude": ["friction"]}]  # fmt: skip
-    data, kept = write_pack(tmp_path, key, {"campaigns": listed})
-    slips = key_slips(open_key(data, kept))
-    assert [event_text(slip) for slip in slips] == [
-        "Hall.1: the library has no effect 'table_gian'; table_gain may be meant",
-        "hall-3: the library has no parameter of friction 'facter'; factor may be meant",
-    ]
-    other["values"] = {"speed": 0.8}
-    (_, slip) = key_slips(key)
-    of = {"campaign": "hall-3", "effect": "friction", "parameter": "speed"}
-    assert slip == Statement.of(EventCode.UNKNOWN_PARAMETER, **of, known=("factor",))
-    assert key_slips(KEY) == []
 
 
 def test_a_name_without_quotes_is_no_number(tmp_path) -> None:

@@ -40,6 +40,11 @@ from vsr2.cli.main import main
 from vsr2.errors import BlindError, ConfigError
 
 
+def reference(**effect):
+    """An open campaign with one effect, as pack.json lists it."""
+    return {"id": "c", "kind": "reference", "effects": [effect]}
+
+
 @pytest.fixture(autouse=True)
 def _reported(monkeypatch):
     stand_in(monkeypatch, Reported)
@@ -93,7 +98,15 @@ def pack(tmp_path):
                     {"effect": "frction", "parameter": "factor", "distribution": "normal", "sd": 1}
                 ]
             },
-            r"nuisances\[0\]\..*no effect 'frction'; did you mean",
+            r"nuisances\[0\]\.effect: there is no effect 'frction'; did you mean",
+        ),
+        (
+            {
+                "nuisances": [
+                    {"effect": "friction", "parameter": "factr", "distribution": "normal", "sd": 1}
+                ]
+            },
+            r"nuisances\[0\]\.parameter: effect 'friction' has no parameter 'factr'; it has factor",
         ),
         (
             {"priors": {"friction.factor": {"distribution": "norml"}}},
@@ -131,6 +144,18 @@ def pack(tmp_path):
                 ]
             },
             "nuisances is .* return_frequency does nothing on its own; add a nuisance of another",
+        ),
+        (
+            {"campaigns": [reference(name="fricton", values={"factor": 0.8})]},
+            r"campaigns\[0\]\.effects\[0\]\.name is 'fricton'; .* do you mean 'friction'",
+        ),
+        (
+            {"campaigns": [reference(name="friction", values={"factr": 0.8})]},
+            r"campaigns\[0\]\.effects\[0\]\.values\.factr is 0\.8; .* did you mean `factor`",
+        ),
+        (
+            {"campaigns": [reference(name="friction", values={"speed": 0.8})]},
+            r"campaigns\[0\]\..*speed is 0\.8; friction has no parameter 'speed'; known are",
         ),
         ({"commitment": {}}, r"commitment\.sha256 is missing; give it"),
         ({"commitment": "abc"}, "commitment is 'abc'; it should be a mapping"),
@@ -198,6 +223,41 @@ def test_a_key_that_cannot_be_used_is_named(place, value, message, tmp_path) -> 
     seal(data, kept, key)
     with pytest.raises(BlindError, match=rf"key\.json: key.*{message}"):
         open_key(data, kept)
+
+
+@pytest.mark.parametrize(
+    ("effect", "message"),
+    [
+        (
+            {"name": "table_gian", "values": {"change": 0.1}, "strength": "change"},
+            "name is 'table_gian'; there is no effect 'table_gian'; do you mean 'table_gain'",
+        ),
+        (
+            {"name": "friction", "values": {"facter": 0.8}, "strength": "facter"},
+            r"values\.facter is 0\.8; friction has no parameter 'facter'; did you mean `factor`",
+        ),
+        (
+            {"name": "friction", "values": {"factor": 0.8, "v": 1.0}, "strength": "factor"},
+            r"values\.v is 1\.0; friction has no parameter 'v'; known are factor",
+        ),
+    ],
+)
+def test_slips_of_a_key_are_refused_and_leave_no_receipt(effect, message, tmp_path) -> None:
+    key = copy.deepcopy(KEY)
+    key["campaigns"]["Hall.1"]["effects"] = [effect | {"null": 0.0}]
+    data, kept = write_pack(tmp_path, key)
+    out = write_diagnoses(data, tmp_path / "out")
+    with pytest.raises(BlindError, match=rf"key\.campaigns\.Hall\.1\.effects\[0\]\.{message}"):
+        score_pack(data, kept, out, tmp_path / "scores")
+    assert not (kept / "receipt.json").exists()
+    assert not (tmp_path / "scores").exists()
+
+
+def test_a_key_may_name_parameters_of_the_library(tmp_path) -> None:
+    key = copy.deepcopy(KEY)
+    own = {"name": "friction", "values": {"factor": 0.8}, "strength": "factor", "null": 1.0}
+    key["campaigns"]["Hall.1"]["effects"] = [own]
+    assert open_key(*write_pack(tmp_path, key))["campaigns"]["Hall.1"]["effects"] == [own]
 
 
 @pytest.mark.parametrize(("second", "right"), [("chain", False), ("rope", False), ("sand", True)])

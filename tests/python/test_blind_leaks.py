@@ -155,7 +155,7 @@ def test_campaigns_differ_in_what_was_measured_alone(uneven, study, tmp_path) ->
         assert all(not trial.note and trial.date is None for trial in campaign.trials)
         for trial in campaign.trials:
             record, series = campaign.record(trial), trial.series
-            same_rounded([trial.peak_tilt, trial.pgv_pga], 5)
+            same_rounded([trial.peak_tilt, trial.pgv_pga_s], 5)
             for values in (series.time, series.tilt, series.position):
                 same_rounded(values, 6)
             same_rounded(series.orientation, 7)
@@ -363,7 +363,7 @@ def test_baselines_know_what_they_are_named_after() -> None:
                 specimen="rock",
                 overturned=bool(over),
                 pga_g=float(pga),
-                pgv_pga=float(ratio),
+                pgv_pga_s=float(ratio),
             )
         )
     campaign = Campaign("c", tuple(trials), specimens={"rock": Specimen()})

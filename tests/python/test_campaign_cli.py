@@ -22,7 +22,7 @@ rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
 motion:
   mode: grid_cosine
   pga_g: {min: 0.2, max: 0.6, step: 0.4}
-  pgv_pga: {min: 0.1, max: 0.1, step: 0.1}
+  pgv_pga_s: {min: 0.1, max: 0.1, step: 0.1}
 """
 
 

@@ -217,6 +217,16 @@ def test_a_table_that_is_none_is_named(folder, content, words):
         ),
         (
             "specimens:",
+            "noise: {max_tilt_rad: 0.001}\nspecimens:",
+            "noise.max_tilt_rad: is no key here; did you mean `peak_tilt_rad`?",
+        ),
+        (
+            "specimens:",
+            "noise: {maximum_tilt: 0.001}\nspecimens:",
+            "noise.maximum_tilt: is no key here; did you mean `peak_tilt_rad`?",
+        ),
+        (
+            "specimens:",
             "noise: {tilt_rad: -1}\nspecimens:",
             "noise.tilt_rad: must be at least 0 (is -1)",
         ),
@@ -425,6 +435,7 @@ def test_a_model_that_cannot_be_read_is_named(folder, tmp_path):
 @pytest.mark.parametrize(
     ("name", "meant"),
     [("max_tilt_rad", "peak_tilt_rad"), ("pga_ms2", "pga_g"), ("peak_tilt_deg", "peak_tilt_rad"),
+     ("pgv_pga", "pgv_pga_s"),
      ("slip_m", "final_slip_m"), ("sesion_", "session"), ("notes", "note"),
      ("overturn", "overturned")],
 )  # fmt: skip
@@ -442,6 +453,14 @@ def test_the_column_of_pga_in_other_units_is_not_merely_renamed(folder):
     assert "column pga_m_s2: is no column of the form; divide it by 9.80665 and call it" in problem(
         folder
     )
+
+
+@pytest.mark.parametrize("name", ["pgv", "pgv_m_s"])
+def test_a_column_of_pgv_is_not_taken_for_the_ratio(folder, name):
+    path = folder / "trials.csv"
+    head, rest = path.read_text().split("\n", 1)
+    path.write_text(f"{head},{name}\n" + rest.replace("\n", ",\n"))
+    assert f"column {name}: is no column of the form; divide it [m/s] by PGA" in problem(folder)
 
 
 def test_campaigns_share_motions(tmp_path):

@@ -156,7 +156,7 @@ def test_the_published_campaign_packed_and_raw(tmp_path):
         **{
             **vars(some),
             "trials": tuple(
-                t.__class__(**{**vars(t), "pga_g": None, "pgv_pga": None}) for t in some.trials
+                t.__class__(**{**vars(t), "pga_g": None, "pgv_pga_s": None}) for t in some.trials
             ),
         }
     )

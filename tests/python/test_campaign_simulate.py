@@ -29,7 +29,7 @@ BLOCK = {
     "motion": {
         "mode": "grid_cosine",
         "pga_g": {"min": 0.2, "max": 0.8, "step": 0.3},
-        "pgv_pga": {"min": 0.08, "max": 0.16, "step": 0.08},
+        "pgv_pga_s": {"min": 0.08, "max": 0.16, "step": 0.08},
         "drive": "prescribed",
     },
 }
@@ -78,7 +78,7 @@ def test_the_motion_is_what_was_driven(study, plain):
         np.testing.assert_array_equal(record.displacement, driven.motion.displacement)
         np.testing.assert_array_equal(record.acceleration, driven.motion.acceleration)
         assert trial.pga_g == driven.motion.pga_g
-        assert trial.pgv_pga == driven.motion.pgv_pga
+        assert trial.pgv_pga_s == driven.motion.pgv_pga_s
 
 
 def test_it_survives_its_files(plain, tmp_path):

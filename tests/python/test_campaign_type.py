@@ -45,7 +45,7 @@ def trial(**changes):
         ({"peak_tilt": 3.2}, "must lie from 0 to 3.14159 rad; check sign and unit"),
         ({"peak_tilt": math.nan}, "is nan"),
         ({"pga_g": -1.0}, "check sign and unit"),
-        ({"pgv_pga": math.inf}, "is inf"),
+        ({"pgv_pga_s": math.inf}, "is inf"),
         ({"extra": {"peer": 1.0}}, "no name of an extra column"),
         ({"extra": {"x_peer": math.nan}}, "x_peer: is nan"),
         ({"note": "x" * 1001}, "shorten it"),
@@ -165,12 +165,12 @@ def test_intensity_is_the_published_one_else_that_of_the_motion():
     full = campaign(motions={"pulse": shaken})
     found = intensity_measures(full)
     assert found.pga_g[0] == 1.25
-    assert found.pgv_pga[0] == 0.08
+    assert found.pgv_pga_s[0] == 0.08
     # The band-pass rings at the sharp ends of the shaking, hence not closer.
     assert found.pga_g[1] == pytest.approx(motion.pga_g, rel=0.1)
-    assert found.pgv_pga[1] == pytest.approx(1 / (4 * np.pi), rel=0.1)
+    assert found.pgv_pga_s[1] == pytest.approx(1 / (4 * np.pi), rel=0.1)
     assert np.isnan(found.pga_g[2])
-    assert np.isnan(found.pgv_pga[2])
+    assert np.isnan(found.pgv_pga_s[2])
 
 
 def test_the_summary_counts():

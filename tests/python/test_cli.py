@@ -32,7 +32,7 @@ rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
 motion:
   mode: grid_cosine
   pga_g: {min: 0.2, max: 0.6, step: 0.4}
-  pgv_pga: {min: 0.1, max: 0.1, step: 0.1}
+  pgv_pga_s: {min: 0.1, max: 0.1, step: 0.1}
 """
 
 
@@ -122,6 +122,10 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
         ("blind make a --out b --single", "--single takes a value"),
         ("motion convert a --out b --filter 1 5", "--filter takes 3 values, not 2"),
         ("motion generate --out b --pga 3", "--pga-g is missing; did you mean it by --pga?"),
+        (
+            "motion generate --out b --pga-g 0.3 --duration 9 --pgv-pga 0.1",
+            "--pgv-pga-s is missing; did you mean it by --pgv-pga?",
+        ),
         ("run study.yaml --out", "--out takes a value"),
         ("run study.yaml --out b other.yaml", "other.yaml is too much"),
         ("run study.yaml --quiet=7", '"7" is no value that a switch takes'),

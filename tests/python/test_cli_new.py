@@ -26,7 +26,7 @@ def folder(tmp_path: Path) -> Path:
     for number in ("02", "08"):
         shutil.copy(ROOT / "configs" / "motions" / f"synthetic_{number}.csv", tmp_path / "records")
     block = [str(ROOT / "configs" / "block_grid.yaml"), "--out", str(tmp_path / "campaign")]
-    few = ["--set", "motion.pga_g.max=0.25", "--set", "motion.pgv_pga.max=0.08", "--quiet"]
+    few = ["--set", "motion.pga_g.max=0.25", "--set", "motion.pgv_pga_s.max=0.08", "--quiet"]
     assert main(["campaign", "simulate", *block, *few]) == 0
     return tmp_path
 

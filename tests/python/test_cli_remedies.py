@@ -18,7 +18,7 @@ from vsr2.results import lost_logs
 STUDY = """\
 name: block
 rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
-motion: {mode: single_cosine, pga_g: 0.3, pgv_pga: 0.1}
+motion: {mode: single_cosine, pga_g: 0.3, pgv_pga_s: 0.1}
 output: {figures: false}
 """
 
@@ -61,7 +61,7 @@ def test_resuming_a_finished_run_is_success_with_nothing_to_do(
 GRID = (
     "motion.mode=grid_cosine",
     "motion.pga_g={min: 0.1, max: 0.2, step: 0.1}",
-    "motion.pgv_pga={min: 0.1, max: 0.2, step: 0.1}",
+    "motion.pgv_pga_s={min: 0.1, max: 0.2, step: 0.1}",
     "output.npy=true",
 )
 
@@ -183,7 +183,7 @@ def test_mistyped_folders_get_their_neighbour(
         assert run(*line) == 2
         assert f"did you mean {tmp_path / 'campaign'}?" in capsys.readouterr().err
     study.write_text(
-        STUDY.replace("mode: single_cosine, pga_g: 0.3, pgv_pga: 0.1", "mode: single_recording, "
+        STUDY.replace("mode: single_cosine, pga_g: 0.3, pgv_pga_s: 0.1", "mode: single_recording, "
                       "file: study.yam")
     )  # fmt: skip
     assert run("run", study) == 2
@@ -287,7 +287,7 @@ def test_files_that_are_written_get_their_folder(
     tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     target = tmp_path / "new" / "folder" / "made.csv"
-    wish = ("--pga-g", 0.3, "--pgv-pga", 0.1, "--duration", 5)
+    wish = ("--pga-g", 0.3, "--pgv-pga-s", 0.1, "--duration", 5)
     line = ("motion", "generate", *wish, "--out", target)
     assert run(*line) == 0
     assert target.exists()

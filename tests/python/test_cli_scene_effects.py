@@ -36,7 +36,7 @@ MOTION = """
 motion:
   mode: grid_cosine
   pga_g: {min: 0.45, max: 0.85, step: 0.1}
-  pgv_pga: {min: 0.1, max: 0.19, step: 0.03}
+  pgv_pga_s: {min: 0.1, max: 0.19, step: 0.03}
 """
 CALIBRATION = """
 campaign: campaign

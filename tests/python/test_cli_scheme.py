@@ -106,7 +106,7 @@ def test_the_old_form_is_refused_with_the_new_one(
 def test_nothing_is_replaced_unasked(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     target = tmp_path / "made.csv"
     target.write_text("mine")
-    line = ["motion", "generate", "--pga-g", "0.3", "--pgv-pga", "0.1", "--duration", "5"]
+    line = ["motion", "generate", "--pga-g", "0.3", "--pgv-pga-s", "0.1", "--duration", "5"]
     line += ["--out", str(target)]
     assert main(line) == 2
     assert f"{target}: exists; choose another --out, or add --overwrite" in capsys.readouterr().err

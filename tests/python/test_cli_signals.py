@@ -20,7 +20,7 @@ rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
 motion:
   mode: grid_cosine
   pga_g: {min: 0.2, max: 0.8, step: 0.001}
-  pgv_pga: {min: 0.05, max: 0.4, step: 0.01}
+  pgv_pga_s: {min: 0.05, max: 0.4, step: 0.01}
 output: {figures: false}
 """
 

@@ -18,7 +18,7 @@ class Own(Section):
 STUDY = """
 level: 3
 rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
-motion: {mode: single_cosine, pga_g: 0.3, pgv_pga: 0.1}
+motion: {mode: single_cosine, pga_g: 0.3, pgv_pga_s: 0.1}
 """
 
 

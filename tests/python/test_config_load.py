@@ -22,7 +22,7 @@ rock:
 motion:
   mode: single_cosine
   pga_g: 0.3
-  pgv_pga: 0.1
+  pgv_pga_s: 0.1
 """
 
 FULL = """\
@@ -178,7 +178,7 @@ def test_errors_name_the_line_of_the_key_or_of_its_section(tmp_path):
         "  study.yaml:1: rock.file: is missing; give it: OBJ, STL or PLY, watertight, in metres "
         "[m].",
         "  study.yaml:3: rock.fil: is no key here; did you mean `file`?",
-        "  study.yaml:5: motion: give `amplitude` and `frequency`, or `pga_g` and `pgv_pga`",
+        "  study.yaml:5: motion: give `amplitude` and `frequency`, or `pga_g` and `pgv_pga_s`",
     ]
 
 
@@ -271,12 +271,12 @@ motions = st.one_of(
         {
             "mode": st.just("single_cosine"),
             "pga_g": st.floats(0.01, 2),
-            "pgv_pga": st.floats(0.1, 1),
+            "pgv_pga_s": st.floats(0.1, 1),
         },
         optional=drives,
     ),
     st.fixed_dictionaries(
-        {"mode": st.just("grid_cosine"), "pga_g": ranges, "pgv_pga": ranges}, optional=drives
+        {"mode": st.just("grid_cosine"), "pga_g": ranges, "pgv_pga_s": ranges}, optional=drives
     ),
     st.fixed_dictionaries(
         {"mode": st.just("single_recording"), "file": file_name},
@@ -393,3 +393,35 @@ def test_bad_overrides_are_refused(tmp_path: Path, override: str) -> None:
     )
     with pytest.raises(ConfigError, match="override"):
         load_study(path, overrides=[override])
+
+
+@pytest.mark.parametrize(
+    ("first", "second"),
+    [
+        ("seed=1", "seed=1"),
+        ("seed=1", " seed =2"),
+        ("rock.mass=10", "rock.mass=20"),
+        ("rock.mass=10", "rock={shape: box, size: [1, 1, 1]}"),
+        ("contact.rock.restitution=0.5", "contact={}"),
+    ],
+)
+def test_an_override_that_takes_the_place_of_another_is_refused(
+    tmp_path: Path, first: str, second: str
+) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text(
+        "rock: {shape: box, size: [1, 1, 1], mass: 10}\n"
+        "motion: {mode: single_cosine, amplitude: 0.1, frequency: 1.0}\n"
+    )
+    with pytest.raises(ConfigError) as refused:
+        load_study(path, overrides=[first, "name=other", second])
+    assert str(refused.value) == (
+        f"override {second!r}: takes the place of {first!r}; give one of them"
+    )
+
+
+def test_an_override_may_set_a_part_of_an_earlier_one(tmp_path: Path) -> None:
+    path = tmp_path / "study.yaml"
+    path.write_text("motion: {mode: single_cosine, amplitude: 0.1, frequency: 1.0}\n")
+    rock = "rock={shape: box, size: [1, 1, 1]}"
+    assert load_study(path, overrides=[rock, "rock.mass=20"]).rock.mass == 20.0

@@ -100,7 +100,7 @@ def validator():
 
 GOOD = {
     "rock": {"shape": "box", "size": [1, 1, 2], "mass": 10, "start": {"yaw": 5}},
-    "motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1},
+    "motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga_s": 0.1},
     "pedestal": {"size": [1, 1, 1]},
 }
 

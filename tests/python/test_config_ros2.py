@@ -279,7 +279,7 @@ def test_motion_modes(package, mode, kind, code):
 def test_a_missing_motion_mode_is_assumed_and_reported(package):
     imported = import_ros2(write(package, MESH))
     assert imported.study.motion.mode == "grid_cosine"
-    assert imported.study.motion.pga_g.count * imported.study.motion.pgv_pga.count == 9
+    assert imported.study.motion.pga_g.count * imported.study.motion.pgv_pga_s.count == 9
     values = values_of(imported)
     assert Assumed.NO_MODE in values
     assert "engineSettings.timeStep" in values[Assumed.DEFAULTS]["names"]

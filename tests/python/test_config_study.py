@@ -15,7 +15,7 @@ from vsr2.config.study import Contact, Engine, Study
 from vsr2.errors import ConfigError
 
 BOX = {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2600}
-COSINE = {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}
+COSINE = {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga_s": 0.1}
 
 
 def build(**sections):
@@ -140,7 +140,7 @@ def test_a_study_is_frozen():
         ),
         ({"motion": {"mode": "grid"}}, "did you mean grid_cosine?"),
         ({"motion": {**COSINE, "frequency": 2.0}}, "motion: give `amplitude` and `frequency`, or"),
-        ({"motion": {**COSINE, "pgv_pga": 1e-4}}, "less than 10 time steps"),
+        ({"motion": {**COSINE, "pgv_pga_s": 1e-4}}, "less than 10 time steps"),
         (
             {"motion": {"mode": "all_recordings", "folder": "x", "pattern": "../*"}},
             "motion.pattern: is matched against file names",
@@ -167,6 +167,10 @@ def test_a_study_is_frozen():
         ({"output": {"contact_trials": [1]}}, "output.contact_trials: has no effect"),
         # Unknown keys, with the nearest valid one.
         ({"enginee": {}}, "enginee: is no key here; did you mean `engine`?"),
+        (
+            {"motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}},
+            "motion.pgv_pga: is no key here; did you mean `pgv_pga_s`?",
+        ),
         ({"engine": {"timestep": 1e-3}}, "engine.timestep: is no key here; did you mean `time_s"),
         ({"rock": {**BOX, "densty": 1}}, "rock.densty: is no key here; did you mean `density`?"),
         (
@@ -264,7 +268,7 @@ def test_range_counts_its_end_despite_rounding(low, high, step, count):
 
 def test_a_grid_too_large_for_any_machine_is_refused():
     fine = {"min": 0.1, "max": 1.0, "step": 1e-5}
-    message = refusal(motion={"mode": "grid_cosine", "pga_g": fine, "pgv_pga": fine})
+    message = refusal(motion={"mode": "grid_cosine", "pga_g": fine, "pgv_pga_s": fine})
     assert "90001 x 90001 trials are more than 1000000" in message
 
 

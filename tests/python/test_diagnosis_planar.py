@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from diagnosis_planar import not_wrong, scores
 from planar.planar_block import (
     DEFAULTS,
     GRAVITY,
@@ -19,6 +20,11 @@ from vsr2.ensemble.observed.features import TILT_FEATURES
 from vsr2.ensemble.simulated.simulator import Request
 
 B, H = 0.2, 0.5
+COUNTED = (
+    *("lead", "answer", "both", "p_top", "p_none", "p_unknown", "covered", "set_size"),
+    *("outcome_signal", "error", "inside", "located", "where_gain"),
+)
+"""Columns of a campaign beside those that a test sets."""
 ALPHA = np.arctan2(B, H)
 
 
@@ -102,3 +108,23 @@ def test_a_response_does_not_depend_on_its_neighbours(simulator: PlanarSimulator
     np.testing.assert_array_equal(together.peak_tilt[order], mixed.peak_tilt)
     alone = simulator.run([requests[30]])
     assert alone.peak_tilt[0] == together.peak_tilt[30]
+
+
+def test_a_pair_of_which_one_cause_acts_is_a_wrong_name() -> None:
+    """As the scorer of blind packs counts it."""
+    assert not_wrong("effect", {"wear"}, {"wear"})
+    assert not_wrong("class", {"wear", "catch"}, {"wear"})
+    assert not not_wrong("effect", {"catch"}, {"wear"})
+    assert not not_wrong("pair", {"wear", "catch"}, {"wear"})
+    assert not_wrong("pair", {"wear", "catch"}, {"wear", "catch"})
+    assert not not_wrong("unresolved", set(), {"wear"})
+
+
+def test_a_wrong_pair_counts_among_wrong_names() -> None:
+    rows = [
+        dict.fromkeys(COUNTED, 0) | {"kind": "single", "limits": 3.0, "p_true": 0.5}
+        | {"verdict": verdict, "right": int(not_wrong(verdict, named, {"wear"}))}
+        for verdict, named in (("effect", {"wear"}), ("pair", {"wear", "catch"}))
+    ]  # fmt: skip
+    found = scores(rows)
+    assert (found["named_strong"], found["named_wrongly"]) == (0.5, 0.5)

@@ -151,6 +151,10 @@ def test_trials_specimens_and_effects_that_are_not_used_are_stated(folder, tmp_p
         (["--prior", "table_gain.chnage=0:1"], "has no parameter 'chnage'"),
         (["--prior", "table_gain.change=-2:1"], "it can be simulated from -0.9 to 5"),
         (["--prior", "table_gain.change=1:0"], "a prior from 1 to 0"),
+        (
+            ["--prior", "table_gain.change=-0.3:0.1", "--prior", "table_gain.change=normal:0:0.1"],
+            "--prior table_gain.change=normal:0:0.1: table_gain.change has -0.3:0.1 already; give",
+        ),
         (["--exclude", "bogus"], "no effect 'bogus'"),
         (["--prior", "friction.factor=0:1"], "effects.friction.factor: parameter 'factor': a"),
         (["--nuisance", "frction=0.1"], "did you mean friction?"),

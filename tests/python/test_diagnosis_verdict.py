@@ -403,7 +403,7 @@ def test_a_pair_needs_both_instruments_and_an_unknown_cause_a_look_at_what_is_le
     excess = np.zeros(40)
     excess[17] = 1.0
     locations = [
-        Location(LocationKind.INTENSITY, {"pga": Third.HIGH}, OUTCOME, 1.0, p, 3.0, (2.5, 4.0))
+        Location(LocationKind.INTENSITY, {"pga_g": Third.HIGH}, OUTCOME, 1.0, p, 3.0, (2.5, 4.0))
         for p in (0.01, 0.2)
     ]
     name = forty.campaign.trials[17].trial

@@ -34,7 +34,7 @@ def schedule(sessions=10, each=12, seed=0):
     count = sessions * each
     return Conditions(
         log_pga_g=rng.normal(size=count),
-        log_ratio=rng.normal(size=count),
+        log_pgv_pga_s=rng.normal(size=count),
         order=np.arange(count) / (count - 1),
         session=np.repeat(np.arange(sessions), each),
         motion=np.repeat(np.arange(count // 6), 6),

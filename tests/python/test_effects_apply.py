@@ -52,7 +52,7 @@ def study(**changes: object) -> Study:
             "motion": {
                 "mode": "grid_cosine",
                 "pga_g": {"min": 0.3, "max": 0.6, "step": 0.1},
-                "pgv_pga": {"min": 0.1, "max": 0.1, "step": 0.1},
+                "pgv_pga_s": {"min": 0.1, "max": 0.1, "step": 0.1},
             },
             "outcome": {"tail": 1.0},
             "output": {"log_every": 10},
@@ -401,7 +401,7 @@ def scans(turns: Sequence[float]) -> list[Trial]:
                     "shape": "mesh", "file": "models/pbr_scan.obj", "density": 2650.0,
                     "start": {"yaw": yaw},
                 },
-                motion={"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1},
+                motion={"mode": "single_cosine", "pga_g": 0.3, "pgv_pga_s": 0.1},
                 settling={"timeout": 10.0},
                 outcome={"tail": 0.1},
             )

@@ -150,7 +150,9 @@ def test_a_diagnosis_begins_at_the_record_that_drives(
 def test_gains_act_on_any_motion_and_a_channel_that_is_not_there_is_refused() -> None:
     one = trial(record(acceleration=False))
     assert driven(one, high_gain=0.4).peak_acceleration > 1.1 * one.motion.peak_acceleration
-    assert driven(EffectBench().block(), low_gain=-0.4).pgv < EffectBench().block().motion.pgv
+    assert (
+        driven(EffectBench().block(), low_gain=-0.4).pgv_m_s < EffectBench().block().motion.pgv_m_s
+    )
     for key, given in (("crossover", 3.0), ("channel", "fused")):
         # The message begins with what the user wrote.
         said = "crossover" if key == "crossover" else given

@@ -18,7 +18,7 @@ from vsr2.errors import ConfigError
 from vsr2.motion import Record, write_record
 
 BLOCK = {"shape": "box", "size": [0.4, 0.6, 1.2], "density": 2700}
-COSINE = {"mode": "single_cosine", "pga_g": 0.4, "pgv_pga": 0.1}
+COSINE = {"mode": "single_cosine", "pga_g": 0.4, "pgv_pga_s": 0.1}
 
 
 @pytest.fixture(autouse=True)

@@ -124,7 +124,7 @@ def test_time_is_scaled_after_the_channel_is_chosen(channel: str) -> None:
         [trial], {"time_scale": {"change": 0.03}, "input_channel": {"channel": channel}}
     )[0].motion
     assert both.duration == pytest.approx(1.03 * chosen.duration, abs=3e-3)
-    assert both.pgv == pytest.approx(chosen.pgv / 1.03, rel=1e-3)
+    assert both.pgv_m_s == pytest.approx(chosen.pgv_m_s / 1.03, rel=1e-3)
     gained = apply_effects(
         [trial], {"table_gain": {"change": 0.1}, "input_channel": {"channel": channel}}
     )[0].motion
@@ -151,5 +151,5 @@ def test_a_filter_rings_amid_the_record_s_own_time() -> None:
     both = apply_effects(
         [trial], {"time_scale": {"change": 0.03}, "input_filter": {"corner": 5.0}}
     )[0].motion
-    assert both.pgv == pytest.approx(low.pgv / 1.03, rel=1e-3)
+    assert both.pgv_m_s == pytest.approx(low.pgv_m_s / 1.03, rel=1e-3)
     assert math.isclose(both.duration, 1.03 * low.duration, abs_tol=3e-3)

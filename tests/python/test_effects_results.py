@@ -32,7 +32,7 @@ def study(effects: object, mode: str = "auto") -> Study:
             "motion": {
                 "mode": "grid_cosine",
                 "pga_g": {"min": 0.3, "max": 0.6, "step": 0.1},
-                "pgv_pga": {"min": 0.1, "max": 0.1, "step": 0.1},
+                "pgv_pga_s": {"min": 0.1, "max": 0.1, "step": 0.1},
             },
             "engine": {"mode": mode},
             "outcome": {"tail": 1.0},

@@ -24,7 +24,7 @@ def trials() -> list[Trial]:
         "motion": {
             "mode": "grid_cosine",
             "pga_g": {"min": 0.3, "max": 0.6, "step": 0.1},
-            "pgv_pga": {"min": 0.1, "max": 0.1, "step": 0.1},
+            "pgv_pga_s": {"min": 0.1, "max": 0.1, "step": 0.1},
         },
     }
     return study_trials(study_from_mapping(content, Path()))

@@ -45,7 +45,7 @@ def numbers(trial: Trial) -> np.ndarray:
         mechanics.impact_energy_ratio, mechanics.rocking_damping, mechanics.rolling_resistance,
         mechanics.friction_ratio, mechanics.friction_speed, mechanics.adhesion / 1e5,
         mechanics.catch_slack, trial.outcome.toppled_tilt,
-        np.abs(motion.displacement).max(), motion.pgv,
+        np.abs(motion.displacement).max(), motion.pgv_m_s,
         *(np.abs(s.displacement).max() for s in motion.sides.values() if s is not None),
     ]  # fmt: skip
     return np.array(values, dtype=np.float64)

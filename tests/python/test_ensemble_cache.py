@@ -126,6 +126,8 @@ def test_a_cache_of_an_older_form_or_with_damaged_records_is_refused(tmp_path) -
         cache.run(requests)
     header, first, second = path.read_bytes().splitlines(keepends=True)
     longer = json.loads(second)
+    # As an older VSR2 wrote it, without which it is refused when the file is opened.
+    del longer["crc32"]
     longer["responses"] = base64.b64encode(bytes(24)).decode()
     path.write_bytes(header + first + json.dumps(longer).encode() + b"\n")
     with (

@@ -26,7 +26,7 @@ rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0, start: {yaw: 10.0}}
 motion:
   mode: grid_cosine
   pga_g: {min: 0.25, max: 0.65, step: 0.1}
-  pgv_pga: {min: 0.1, max: 0.16, step: 0.06}
+  pgv_pga_s: {min: 0.1, max: 0.16, step: 0.06}
 outcome: {tail: 1.0}
 fragility:
   measures: [pga_g, pgv_pga_s]

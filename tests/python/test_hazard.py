@@ -69,6 +69,12 @@ def test_the_age_of_one_rate_is_that_of_a_poisson_process():
     assert survival([2e-4], excluded_age(2e-4, 0.9)) == pytest.approx(0.1, rel=1e-9)
 
 
+@pytest.mark.parametrize("rates", [1e-320, [1e-310, 1e-320], [1e-320, 1e-3]])
+def test_rates_that_exclude_no_age_are_refused(rates):
+    with pytest.raises(HazardError, match="1e-320 per year, which excludes no age; check"):
+        excluded_age(rates)
+
+
 def test_what_is_not_known_makes_the_excluded_age_greater():
     # Gamma-distributed rates: the mean of e^(-rate age) is (1 + age theta)^-shape.
     shape, mean = 2.0, 1e-4
@@ -155,6 +161,9 @@ def test_a_fragility_without_a_curve_is_refused(tmp_path):
         read_lognormal(tmp_path, "pga_g")
     with pytest.raises(HazardError, match="no curve in pgv_m_s"):
         read_lognormal(tmp_path, "pgv_m_s")
+    (tmp_path / "lognormal.csv").write_text(f"{head}\npga_g,all,0.5,0.4,0.6,0.3\n")
+    with pytest.raises(HazardError, match=r"its row in pga_g lacks beta_lower, beta_upper; run "):
+        read_lognormal(tmp_path, "pga_g")
     (tmp_path / "lognormal.csv").write_text(f"{head}\npga_g,all,0.5,0.4,0.6,0.3,0.2,0.4,1,\n")
     assert read_lognormal(tmp_path, "pga_g") == Lognormal(0.5, 0.4, 0.6, 0.3, 0.2, 0.4, fits=True)
 

@@ -44,10 +44,10 @@ def test_a_single_cosine_by_amplitude_and_frequency():
 
 
 def test_a_single_cosine_by_intensity_is_the_grid_of_one():
-    (single,) = build_motions(source(mode="single_cosine", pga_g=0.3, pgv_pga=0.1), STEP)
+    (single,) = build_motions(source(mode="single_cosine", pga_g=0.3, pgv_pga_s=0.1), STEP)
     one = {"min": 0.3, "max": 0.3, "step": 1}
     (grid,) = build_motions(
-        source(mode="grid_cosine", pga_g=one, pgv_pga={"min": 0.1, "max": 0.1, "step": 1}), STEP
+        source(mode="grid_cosine", pga_g=one, pgv_pga_s={"min": 0.1, "max": 0.1, "step": 1}), STEP
     )
     assert single.name == grid.name
     assert single.sha256 == grid.sha256
@@ -56,13 +56,13 @@ def test_a_single_cosine_by_intensity_is_the_grid_of_one():
 def test_a_grid_has_every_pair_once_in_order():
     pga = {"min": 0.1, "max": 0.5, "step": 0.1}
     ratio = {"min": 0.05, "max": 0.2, "step": 0.05}
-    motions = build_motions(source(mode="grid_cosine", pga_g=pga, pgv_pga=ratio), STEP)
+    motions = build_motions(source(mode="grid_cosine", pga_g=pga, pgv_pga_s=ratio), STEP)
     wanted = [(p, r) for p in (0.1, 0.2, 0.3, 0.4, 0.5) for r in (0.05, 0.1, 0.15, 0.2)]
     assert [m.name for m in motions] == [f"cosine_pga{p}g_pgv_pga{r}s" for p, r in wanted]
     for motion, (p, r) in zip(motions, wanted, strict=True):
         assert motion.pga_g == pytest.approx(p)
         # PGV falls between samples by at most 1 - cos(0.5 step / ratio)
-        assert motion.pgv_pga == pytest.approx(r, rel=1e-4)
+        assert motion.pgv_pga_s == pytest.approx(r, rel=1e-4)
 
 
 @pytest.mark.parametrize(
@@ -78,7 +78,7 @@ def test_absurd_grids_are_refused(pga, ratio, message):
     grid = source(
         mode="grid_cosine",
         pga_g=dict(zip(keys, pga, strict=True)),
-        pgv_pga=dict(zip(keys, ratio, strict=True)),
+        pgv_pga_s=dict(zip(keys, ratio, strict=True)),
     )
     with pytest.raises(MotionError, match=message):
         build_motions(grid, STEP)
@@ -145,7 +145,7 @@ def test_a_target_pga_replaces_the_scale_but_its_sign():
 
 @pytest.mark.parametrize(("pga_g", "warned"), [(3.0, False), (3.1, True)])
 def test_a_pga_that_no_earthquake_has_is_a_warning(pga_g, warned):
-    asked = source(mode="single_cosine", pga_g=pga_g * (1 - 1e-9), pgv_pga=0.01)
+    asked = source(mode="single_cosine", pga_g=pga_g * (1 - 1e-9), pgv_pga_s=0.01)
     with warnings.catch_warnings(record=True) as seen:
         warnings.simplefilter("always")
         build_motions(asked, STEP)
@@ -205,7 +205,7 @@ def test_building_is_linear_and_mirrors(channel, chosen):
     scaled = build_recorded_motion(record, STEP, channel=channel, filter=chosen, scale=-2.0)
     # a factor of two is exact in every step
     np.testing.assert_allclose(scaled.displacement, -2 * plain.displacement, rtol=0, atol=1e-15)
-    assert scaled.pgv_pga == pytest.approx(plain.pgv_pga)
+    assert scaled.pgv_pga_s == pytest.approx(plain.pgv_pga_s)
     assert plain.displacement[0] == 0.0
     assert plain.velocity[-1] == plain.acceleration[-1] == 0.0
 

@@ -92,7 +92,7 @@ def test_convert_refuses_another_suffix(pulse, tmp_path):
 
 def test_generate(tmp_path, capsys):
     target = tmp_path / "g.csv"
-    wish = ("--pga-g", 0.3, "--pgv-pga", 0.08, "--duration", 6, "--seed", 4)
+    wish = ("--pga-g", 0.3, "--pgv-pga-s", 0.08, "--duration", 6, "--seed", 4)
     assert run("generate", *wish, "--out", target) == 0
     first = target.read_bytes()
     assert "PGA 0.3 g" in capsys.readouterr().out

@@ -39,9 +39,9 @@ def sample(noise, count, chance):
 
 
 @cache
-def table(noise, pga=0.3, pgv_pga=0.06, seed=3, gain=1.0):
+def table(noise, pga=0.3, pgv_pga_s=0.06, seed=3, gain=1.0):
     """The truth (x, v, a) with rest around it, and the record a table's channels make of it."""
-    motion = synthetic_motion(pga, pgv_pga, 6.0, seed, H)
+    motion = synthetic_motion(pga, pgv_pga_s, 6.0, seed, H)
     truth = [
         np.pad(signal, round(REST / H))
         for signal in (motion.displacement, motion.velocity, motion.acceleration)
@@ -62,9 +62,9 @@ def rms(error):
 
 
 @pytest.mark.parametrize("noise", [WHITE, COLOURED])
-@pytest.mark.parametrize(("pga", "pgv_pga"), [(0.1, 0.02), (0.3, 0.06), (0.5, 0.1), (0.3, 0.2)])
-def test_fusion_beats_either_channel(noise, pga, pgv_pga):
-    (x, _, a), record = table(noise, pga, pgv_pga)
+@pytest.mark.parametrize(("pga", "pgv_pga_s"), [(0.1, 0.02), (0.3, 0.06), (0.5, 0.1), (0.3, 0.2)])
+def test_fusion_beats_either_channel(noise, pga, pgv_pga_s):
+    (x, _, a), record = table(noise, pga, pgv_pga_s)
     fused = fuse(record)
     inside = slice(800, -800)
     band = Filter()
@@ -85,9 +85,9 @@ def test_fusion_beats_either_channel(noise, pga, pgv_pga):
 
 
 @pytest.mark.parametrize("noise", [WHITE, COLOURED])
-@pytest.mark.parametrize(("pga", "pgv_pga"), [(0.1, 0.02), (0.3, 0.06), (0.3, 0.2)])
-def test_standard_errors_are_those_of_the_truth(noise, pga, pgv_pga):
-    (x, v, a), record = table(noise, pga, pgv_pga)
+@pytest.mark.parametrize(("pga", "pgv_pga_s"), [(0.1, 0.02), (0.3, 0.06), (0.3, 0.2)])
+def test_standard_errors_are_those_of_the_truth(noise, pga, pgv_pga_s):
+    (x, v, a), record = table(noise, pga, pgv_pga_s)
     fused = fuse(record)
     for name, true in (("displacement", x), ("velocity", v), ("acceleration", a)):
         score = rms((getattr(fused, name) - true) / getattr(fused, f"{name}_error"))

@@ -36,9 +36,9 @@ def test_a_cosine_pulse_has_the_measures_of_its_closed_form(amplitude, frequency
     peak = amplitude * omega**2
     # the trapezium rule ends up to a step late; with a step's phase w h of at most 0.03
     assert measures.pga_g == pytest.approx(peak / STANDARD_GRAVITY, rel=1e-12)
-    assert measures.pgv == pytest.approx(amplitude * omega, rel=1e-3)
+    assert measures.pgv_m_s == pytest.approx(amplitude * omega, rel=1e-3)
     assert measures.pgd == pytest.approx(2 * amplitude, rel=1e-3)
-    assert measures.pgv_pga == pytest.approx(1 / omega, rel=1e-3)
+    assert measures.pgv_pga_s == pytest.approx(1 / omega, rel=1e-3)
     assert measures.arias == pytest.approx(
         math.pi / (2 * STANDARD_GRAVITY) * peak**2 / (2 * frequency), rel=0.02
     )
@@ -74,10 +74,10 @@ def test_significant_duration_of_steady_shaking_is_its_share():
 def test_measures_scale_as_their_units_say(factor):
     motion = cosine_motion(0.1, 1.3, H)
     one, scaled = intensity_measures(motion), intensity_measures(motion.scaled(-factor))
-    for name in ("pga_g", "pgv", "pgd", "cav"):
+    for name in ("pga_g", "pgv_m_s", "pgd", "cav"):
         assert getattr(scaled, name) == pytest.approx(factor * getattr(one, name), rel=1e-12)
     assert scaled.arias == pytest.approx(factor**2 * one.arias, rel=1e-12)
-    for name in ("pgv_pga", "duration_5_75", "duration_5_95", "time_step", "duration"):
+    for name in ("pgv_pga_s", "duration_5_75", "duration_5_95", "time_step", "duration"):
         assert getattr(scaled, name) == pytest.approx(getattr(one, name), rel=1e-9)
 
 
@@ -92,7 +92,7 @@ def test_every_channel_of_one_motion_tells_the_same_measures():
     for channel, signal in {"displacement": x, "velocity": v, "acceleration": a}.items():
         measures = intensity_measures(Record("r", 0.002, **{channel: signal}))
         # splines at 2 ms and 1.5 Hz
-        assert (measures.pga_g * STANDARD_GRAVITY, measures.pgv, measures.pgd) == pytest.approx(
+        assert (measures.pga_g * STANDARD_GRAVITY, measures.pgv_m_s, measures.pgd) == pytest.approx(
             wanted, rel=1e-5
         )
 
@@ -103,7 +103,7 @@ def test_a_record_tells_by_its_acceleration_first():
     record = Record("r", 0.01, displacement=np.zeros(t.size), acceleration=a)
     assert intensity_measures(record).pga_g == pytest.approx(1 / STANDARD_GRAVITY, rel=1e-2)
     assert intensity_measures(record, channel="displacement").pga_g == 0.0
-    assert intensity_measures(record, channel="displacement").pgv_pga == 0.0
+    assert intensity_measures(record, channel="displacement").pgv_pga_s == 0.0
     assert intensity_measures(record, channel="displacement").duration_5_95 == 0.0
 
 
@@ -152,7 +152,7 @@ def test_measures_agree_with_eqsig(number):
     other = AccSignal(motion.acceleration, motion.time_step)
     assert measures.pga_g == pytest.approx(other.pga / STANDARD_GRAVITY, rel=1e-12)
     # eqsig integrates by the trapezium rule: its drift after 10 s of 20 Hz content at 1 ms
-    assert measures.pgv == pytest.approx(other.pgv, rel=1e-3)
+    assert measures.pgv_m_s == pytest.approx(other.pgv, rel=1e-3)
     assert measures.pgd == pytest.approx(other.pgd, rel=0.02)
     # eqsig's g is 9.81 m/s^2
     arias = im.calc_arias_intensity(other)[-1] * 9.81 / STANDARD_GRAVITY

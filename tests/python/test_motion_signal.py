@@ -91,7 +91,8 @@ def test_the_plot_shows_the_histories() -> None:
 def test_one_line_says_what_a_motion_is() -> None:
     motion = cosine_motion(0.05, 1.0, 0.001, name="<a>")
     assert repr(motion) == (
-        "<Motion: name='<a>', kind='cosine', duration=1, time_step=0.001, pga_g=0.2013, pgv=0.3142>"
+        "<Motion: name='<a>', kind='cosine', duration=1, time_step=0.001, pga_g=0.2013, "
+        "pgv_m_s=0.3142>"
     )
     assert motion._repr_html_().startswith("<b>Motion</b>: name=&#39;&lt;a&gt;&#39;, kind=")
 

@@ -19,17 +19,17 @@ from vsr2.motion.synthetic import SYNTHETIC
 @settings(max_examples=12, deadline=None)
 @given(
     pga_g=st.floats(0.02, 2.0),
-    pgv_pga=st.floats(0.02, 0.35),
+    pgv_pga_s=st.floats(0.02, 0.35),
     cycles=st.floats(1.5 * SYNTHETIC.least_cycles, 40.0),
     seed=st.integers(0, 2**63 - 1),
     time_step=st.sampled_from([0.001, 0.00125, 0.004, 1 / 240]),
 )
-def test_the_measures_are_those_asked_for(pga_g, pgv_pga, cycles, seed, time_step):
-    duration = min(max(3.0, cycles * 2 * math.pi * pgv_pga), 60.0)
-    motion = synthetic_motion(pga_g, pgv_pga, duration, seed, time_step)
+def test_the_measures_are_those_asked_for(pga_g, pgv_pga_s, cycles, seed, time_step):
+    duration = min(max(3.0, cycles * 2 * math.pi * pgv_pga_s), 60.0)
+    motion = synthetic_motion(pga_g, pgv_pga_s, duration, seed, time_step)
     measures = intensity_measures(motion)
     assert measures.pga_g == pytest.approx(pga_g, rel=1e-12)
-    assert measures.pgv_pga == pytest.approx(pgv_pga, rel=SYNTHETIC.pgv_pga_tolerance)
+    assert measures.pgv_pga_s == pytest.approx(pgv_pga_s, rel=SYNTHETIC.pgv_pga_tolerance)
     assert measures.duration_5_95 == pytest.approx(duration, rel=SYNTHETIC.duration_tolerance)
     assert motion.time_step == time_step
     assert motion.kind == "recording"
@@ -71,16 +71,16 @@ def test_shaped_noise_rests_at_both_ends():
     [
         ({"pga_g": 0.0}, "pga_g is 0.0 g"),
         ({"pga_g": float("nan")}, "pga_g is nan"),
-        ({"pgv_pga": 0.001}, "0.012 to 0.4 s"),
-        ({"pgv_pga": 0.5}, "0.012 to 0.4 s"),
+        ({"pgv_pga_s": 0.001}, "0.012 to 0.4 s"),
+        ({"pgv_pga_s": 0.5}, "0.012 to 0.4 s"),
         ({"duration": 1.0}, "from 2 to 300 s"),
-        ({"duration": 2.0, "pgv_pga": 0.3}, "from 3.77 to 300 s"),
+        ({"duration": 2.0, "pgv_pga_s": 0.3}, "from 3.77 to 300 s"),
         ({"duration": 1000.0}, "duration is 1000.0 s"),
         ({"seed": -1}, "seed is -1; give 0 or more"),
         ({"time_step": 0.05}, "Nyquist|lower the time step"),
     ],
 )
 def test_impossible_wishes_are_refused(changes, message):
-    wish = {"pga_g": 0.3, "pgv_pga": 0.08, "duration": 8.0, "seed": 1, "time_step": 0.001}
+    wish = {"pga_g": 0.3, "pgv_pga_s": 0.08, "duration": 8.0, "seed": 1, "time_step": 0.001}
     with pytest.raises(MotionError, match=message):
         synthetic_motion(**(wish | changes))

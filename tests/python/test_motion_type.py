@@ -16,7 +16,7 @@ from vsr2.motion import (
     cosine_motion,
     intensity_measures,
     pga_g,
-    pgv,
+    pgv_m_s,
 )
 from vsr2.motion.samples import Deferred
 
@@ -35,16 +35,16 @@ def motion(**changes):
 
 def test_measures_are_peaks_of_the_driven_signals():
     assert motion().peak_acceleration == 10000.0
-    assert motion().pgv == 3.0
-    assert motion().pgv_pga == 3e-4
+    assert motion().pgv_m_s == 3.0
+    assert motion().pgv_pga_s == 3e-4
     assert motion().duration == pytest.approx(0.002)
     assert pga_g([1.0, -2.0]) == 2.0 / STANDARD_GRAVITY
-    assert pgv(np.array([-3.0, 1.0])) == 3.0
+    assert pgv_m_s(np.array([-3.0, 1.0])) == 3.0
 
 
 def test_a_motion_at_rest_has_no_ratio():
     rest = motion(displacement=np.zeros(3), velocity=np.zeros(3), acceleration=np.zeros(3))
-    assert rest.pgv_pga == 0.0
+    assert rest.pgv_pga_s == 0.0
 
 
 def test_peaks_of_nothing_are_refused():
@@ -162,7 +162,7 @@ def test_a_table_at_steady_speed_has_an_acceleration_of_noise():
     for acceleration in (np.zeros(time.size), noise):
         assert motion(
             displacement=displacement, velocity=velocity, acceleration=acceleration
-        ).pgv == pytest.approx(0.1)
+        ).pgv_m_s == pytest.approx(0.1)
 
 
 @given(factor=st.floats(-100, 100).filter(lambda value: abs(value) > 1e-3))
@@ -171,7 +171,7 @@ def test_scaling_scales_every_measure_and_keeps_the_ratio(factor):
     scaled = pulse.scaled(factor)
     # one rounding of each product, one of the unit
     assert scaled.pga_g == pytest.approx(abs(factor) * pulse.pga_g, rel=1e-15)
-    assert scaled.pgv_pga == pytest.approx(pulse.pgv_pga, rel=1e-14)
+    assert scaled.pgv_pga_s == pytest.approx(pulse.pgv_pga_s, rel=1e-14)
     assert scaled.name != pulse.name
     assert scaled.kind == "cosine"
 
@@ -202,7 +202,7 @@ def test_an_acceleration_may_be_made_when_it_is_asked_for():
 
     motion, scaled = late(), late().scaled(-1.1).scaled(0.7)
     assert motion == pulse
-    assert motion.pgv == pulse.pgv
+    assert motion.pgv_m_s == pulse.pgv_m_s
     assert scaled == pulse.scaled(-1.1).scaled(0.7)
     assert not asked
     assert motion.peak_acceleration == pulse.peak_acceleration
@@ -235,7 +235,7 @@ def test_a_motion_with_others_beside_it_refers_to_its_samples():
     for name in ("displacement", "velocity", "acceleration"):
         assert name not in vars(found)
         np.testing.assert_array_equal(getattr(found, name), getattr(built, name))
-    assert found.pgv == built.pgv
+    assert found.pgv_m_s == built.pgv_m_s
     assert found.with_sides("again", vertical=side).transverse is not None
     assert pickle.loads(pickle.dumps(found)) == built
     assert not pulse.is_spatial
@@ -274,6 +274,18 @@ def test_names_whose_unit_was_not_in_them_are_refused():
             _ = one.pgx
     with pytest.raises(AttributeError, match=r"IntensityMeasures.pga is gone; use pga_g"):
         _ = intensity_measures(pulse).pga
+
+
+@pytest.mark.parametrize(
+    ("old", "new"), [("pgv", r"pgv_m_s \[m/s\]"), ("pgv_pga", r"pgv_pga_s \[s\]")]
+)
+def test_names_of_pgv_without_their_unit_are_refused(old, new):
+    pulse = cosine_motion(0.1, 1.0, 0.001)
+    for one in (pulse, intensity_measures(pulse)):
+        with pytest.raises(
+            AttributeError, match=rf"{type(one).__name__}\.{old} is gone; use {new}"
+        ):
+            getattr(one, old)
 
 
 @pytest.mark.parametrize("sign", [1.0, -1.0])

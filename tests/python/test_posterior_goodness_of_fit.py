@@ -9,10 +9,10 @@ from vsr2.posterior.goodness_of_fit import (
     LIBRARY_FIT,
     LibraryFit,
     fit_probability,
-    held_out_misfits,
     misfit,
+    misfits_by,
 )
-from vsr2.posterior.summaries import SUMMARY, Standard
+from vsr2.posterior.summaries import SUMMARY, Standard, Standards
 
 TRIALS = 60
 CHANCE = np.linspace(0.02, 0.98, TRIALS)
@@ -54,7 +54,7 @@ def test_campaigns_without_effect_are_standardised_by_others() -> None:
     copies, plain, fold = simulated(0, count=20, chance=np.full(TRIALS, 1e-9))
     for outcome, _ in copies:
         outcome[0, 0] = 1.0
-    own = held_out_misfits(copies, plain, fold)
+    own = misfits_by(Standards.of(copies, plain, fold), copies[1:], fold)
     all_of_them = Standard.of(
         np.concatenate([o for o, _ in copies]),
         np.concatenate([f for _, f in copies]),
@@ -67,7 +67,8 @@ def test_campaigns_without_effect_are_standardised_by_others() -> None:
 
 def test_new_campaigns_without_effect_seldom_misfit_and_others_do() -> None:
     copies, plain, fold = simulated(1)
-    known = np.sort(held_out_misfits(copies, plain, fold)[:, plain], axis=None)
+    misfits = misfits_by(Standards.of(copies, plain, fold), copies[1:], fold)
+    known = np.sort(misfits[:, plain], axis=None)
     standard = Standard.of(
         np.concatenate([o for o, _ in copies]),
         np.concatenate([f for _, f in copies]),

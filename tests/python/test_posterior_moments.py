@@ -7,7 +7,7 @@ import pytest
 
 from vsr2.ensemble.simulated import linear_algebra
 from vsr2.ensemble.simulated.linear_algebra import ridge, ridge_of_copies
-from vsr2.posterior.goodness_of_fit import held_out_misfits, misfit
+from vsr2.posterior.goodness_of_fit import misfit, misfits_by
 from vsr2.posterior.moments import Moments
 from vsr2.posterior.summaries import SUMMARY, Standard, Standards
 
@@ -66,7 +66,7 @@ def test_the_other_folds_standardise_as_their_campaigns_together_do() -> None:
         np.testing.assert_allclose(own.probability, other.probability, rtol=1e-12)
         np.testing.assert_allclose(own.centre, other.centre, rtol=1e-12)
         np.testing.assert_allclose(own.scatter, other.scatter, rtol=1e-10)
-    misfits = held_out_misfits(copies, plain, fold)
+    misfits = misfits_by(found, copies[1:], fold)
     for k, standard in enumerate(wanted[1:]):
         for row, (outcome, features) in zip(misfits, copies[1:], strict=True):
             residuals = standard.residuals(outcome[fold == k], features[fold == k])

@@ -24,7 +24,7 @@ SCENE = """
 name: block
 engine: {mode: fast}
 rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
-motion: {mode: single_cosine, pga_g: 0.3, pgv_pga: 0.1}
+motion: {mode: single_cosine, pga_g: 0.3, pgv_pga_s: 0.1}
 """
 
 

@@ -38,7 +38,7 @@ def many(count: int = 300) -> BatchResult:
     return make_result(
         [None] * count,
         pga_g=pga,
-        pgv_pga=ratio,
+        pgv_pga_s=ratio,
         outcome=outcome,
         status=status,
         name=np.array([f"n{i}" for i in range(count)], dtype=object),
@@ -54,7 +54,7 @@ def test_overturning_diagram_holds_every_trial_that_ran() -> None:
     assert panel.get_title() == "299 trials, 1 more not run"
     drawn = np.vstack([collection.get_offsets() for collection in panel.collections])
     assert len(drawn) == 299
-    wanted = np.column_stack([result["pgv_pga"], result["pga_g"]])
+    wanted = np.column_stack([result["pgv_pga_s"], result["pga_g"]])
     kept = np.delete(wanted, 1, axis=0)
     np.testing.assert_allclose(np.sort(drawn, axis=0), np.sort(kept, axis=0), rtol=1e-12)
     labels = {collection.get_label() for collection in panel.collections}
@@ -69,7 +69,7 @@ def test_overturning_diagram_puts_each_outcome_where_it_belongs() -> None:
     result = make_result(
         [None] * 3,
         pga_g=np.array([1.0, 2.0, 3.0]),
-        pgv_pga=np.array([0.1, 0.2, 0.0]),
+        pgv_pga_s=np.array([0.1, 0.2, 0.0]),
         outcome=np.array(["stable", "overturned", "slid"], dtype=object),
     )
     [panel] = overturning_diagram(result).axes

@@ -193,7 +193,7 @@ def test_what_to_measure_next_is_worded() -> None:
     assert next_measurement(check | {"kind": "both", "instruments": two}) == (
         f"{film}; and {record}"
     )
-    low = {"kind": "intensity", "values": {"pga": "low"}}
+    low = {"kind": "intensity", "values": {"pga_g": "low"}}
     there = {"location": low, "feature": "largest_tilt", "channel": "tilt"}
     outside = {"trial": "T7", "tier": "M", "location": there}
     alone = next_measurement(blank | {"kind": "out_of_library", "out_of_library": outside})
@@ -211,9 +211,9 @@ def test_what_to_measure_next_is_worded() -> None:
     ("kind", "values", "text"),
     [
         (LocationKind.ALL_TRIALS, {}, "all trials"),
-        (LocationKind.INTENSITY, {"pga": "low"}, "low PGA"),
-        (LocationKind.INTENSITY, {"pgv_pga": "middle"}, "middle PGV/PGA"),
-        (LocationKind.INTENSITY, {"pga": "low", "pgv_pga": "high"}, "low PGA, high PGV/PGA"),
+        (LocationKind.INTENSITY, {"pga_g": "low"}, "low PGA"),
+        (LocationKind.INTENSITY, {"pgv_pga_s": "middle"}, "middle PGV/PGA"),
+        (LocationKind.INTENSITY, {"pga_g": "low", "pgv_pga_s": "high"}, "low PGA, high PGV/PGA"),
         (LocationKind.TREND, {}, "trend"),
         (LocationKind.STEP, {"session": "day 2"}, "change before session day 2"),
         (LocationKind.SESSION, {"session": "day 2"}, "session day 2"),

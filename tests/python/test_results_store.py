@@ -351,11 +351,90 @@ def test_a_record_without_a_key_is_refused_by_its_name(kind, tmp_path) -> None:
     path = tmp_path / kind.file
     header, line = path.read_bytes().splitlines()
     complete = json.loads(line)
+    assert list(complete)[-1] == "crc32"
+    if kind is not Journalled:
+        # Evaluations and caches that an older VSR2 wrote have none.
+        complete.pop("crc32")
     for key in complete:
         left = {name: value for name, value in complete.items() if name != key}
         path.write_bytes(header + b"\n" + json.dumps(left).encode() + b"\n")
         with pytest.raises(ResultError, match=rf":2: damaged \({key} is missing\); (start|remove)"):
             kind(tmp_path)
+
+
+CHANGED = {
+    Journalled: [
+        (b'"status":"ok"', b'"status":"diverged"'),
+        (b'"status":"ok"', b'"status":"tail_timeout"'),
+        (b'"outcome":"rocked"', b'"outcome":"overturned"'),
+        (b'"peak_tilt":0.0', b'"peak_tilt":0.5'),
+        (b'"trial":0', b'"trial":2'),
+        (b'"log":null', b'"log":{"bytes":1,"sha256":""}'),
+        (b'{"', b'{"more":1,"'),
+        (b'","', b'" ,"'),
+    ],
+    Evaluated: [(b"10x", b"00x"), (b'"seconds":1.5', b'"seconds":2.5'), (b'"p":0.0', b'"p":1.0')],
+    Simulated: [(b'"seconds":', b'"seconds":1'), (b'"responses":"AAAA', b'"responses":"AACA')],
+}
+"""What a hand puts in the place of what was written, each of the type that is wanted."""
+
+
+@pytest.mark.parametrize(
+    ("kind", "old", "new"),
+    [
+        pytest.param(kind, *change, id=f"{kind.__name__} {change[1].decode()}")
+        for kind, changes in CHANGED.items()
+        for change in changes
+    ],
+)
+def test_a_record_that_was_changed_by_hand_is_refused(kind, old, new, tmp_path) -> None:
+    one = kind(tmp_path)
+    with one.open:
+        one.add(0)
+        one.add(1)
+    path = tmp_path / kind.file
+    header, line, other = path.read_bytes().splitlines(keepends=True)
+    assert old in line
+    path.write_bytes(header + line.replace(old, new) + other)
+    with pytest.raises(ResultError) as refused:
+        kind(tmp_path)
+    assert str(refused.value) == (
+        f"{path}:2: was changed after it was written (its checksum differs); remove this line, and "
+        "what it holds is done again"
+    )
+    # What it says to do is enough.
+    path.write_bytes(header + other)
+    with kind(tmp_path).open:
+        pass
+    path.write_bytes(header + line + other)
+    assert held(Kept(kind, tmp_path, path)) == thirds(Kept(kind, tmp_path, path), 2)
+
+
+@pytest.mark.parametrize("wrong", ['"00000000"', "0", "null", "[]", '"no sum"', '{"crc32":"0"}'])
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_checksum_of_any_type_that_differs_is_refused(kind, wrong, tmp_path) -> None:
+    one = kind(tmp_path)
+    with one.open:
+        one.add(0)
+    path = tmp_path / kind.file
+    head, mark, _ = path.read_text().rpartition('"crc32":')
+    path.write_text(f"{head}{mark}{wrong}}}\n")
+    with pytest.raises(ResultError, match=r":2: was changed after .*; remove this line, and"):
+        kind(tmp_path)
+
+
+@pytest.mark.parametrize("kind", [Evaluated, Simulated])
+def test_records_of_an_older_vsr2_without_checksum_are_taken(kind, tmp_path) -> None:
+    one = kind(tmp_path)
+    with one.open:
+        one.add(0)
+    path = tmp_path / kind.file
+    path.write_text(re.sub(r',"crc32":"\w{8}"', "", path.read_text()))
+    one = kind(tmp_path)
+    with one.open:
+        assert one.held() == {0: 0.0}
+        one.add(1)
+    assert held(Kept(kind, tmp_path, path)) == thirds(Kept(kind, tmp_path, path), 2)
 
 
 def test_a_trial_without_an_outcome_may_lack_numbers(tmp_path) -> None:

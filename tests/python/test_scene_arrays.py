@@ -15,7 +15,7 @@ from vsr2.simulation import study_trials
 
 BLOCK = trimesh.creation.box(extents=(0.3, 0.3, 0.8))
 PLATE = trimesh.creation.box(extents=(2.0, 2.0, 0.4))
-MOTION = {"mode": "single_cosine", "pga_g": 0.2, "pgv_pga": 0.03}
+MOTION = {"mode": "single_cosine", "pga_g": 0.2, "pgv_pga_s": 0.03}
 
 
 def study(rock: dict[str, Any], **more: Any) -> Study:

@@ -155,7 +155,7 @@ def test_box_rock() -> None:
 def test_the_hash_tells_whose_a_part_is_and_how_the_pedestal_slopes() -> None:
     scene = build_scene(study_from_mapping(
         {"rock": {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2000.0},
-         "motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}},
+         "motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga_s": 0.1}},
         MODELS,
     ))  # fmt: skip
     rock, pedestal = scene.rock, scene.pedestal
@@ -176,7 +176,7 @@ def test_the_hash_tells_whose_a_part_is_and_how_the_pedestal_slopes() -> None:
 def test_integers_are_numbers() -> None:
     scene = build_scene(study_from_mapping(
         {"rock": {"shape": "box", "size": [1, 1, 2], "density": 2000.0},
-         "motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}},
+         "motion": {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga_s": 0.1}},
         MODELS,
     ))  # fmt: skip
     rock = replace(scene.rock, parts=(Box((1, 1, 2)),))
@@ -243,7 +243,7 @@ def test_notes_of_a_doubtful_start() -> None:
 
 def block(**changes: object) -> Study:
     rock = {"shape": "box", "size": [0.4, 0.5, 1.0], "density": 2600.0}
-    motion = {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga": 0.1}
+    motion = {"mode": "single_cosine", "pga_g": 0.3, "pgv_pga_s": 0.1}
     return study_from_mapping({"rock": rock, "motion": motion, **changes}, ".", check_files=False)
 
 
@@ -279,7 +279,7 @@ def test_a_rock_that_sinks_into_a_soft_pedestal_is_a_warning(mode: str) -> None:
     study = block(
         engine={"mode": mode},
         contact={"rock": soft, "pedestal": soft},
-        motion={"mode": "single_cosine", "pga_g": 0.01, "pgv_pga": 0.1},
+        motion={"mode": "single_cosine", "pga_g": 0.01, "pgv_pga_s": 0.1},
         output={"log_every": 1, "log_settling": True},
     )
     with pytest.warns(SceneWarning, match="at least 0.128 m into the pedestal") as caught:

@@ -48,7 +48,7 @@ def block_study(
             "motion": {
                 "mode": "grid_cosine",
                 "pga_g": {"min": 0.2, "max": 0.6, "step": 0.2},
-                "pgv_pga": {"min": 0.1, "max": 0.2, "step": 0.1},
+                "pgv_pga_s": {"min": 0.1, "max": 0.2, "step": 0.1},
             },
             "output": {"log_every": 5, **output},
         }
@@ -346,7 +346,7 @@ def test_ctrl_c_keeps_what_is_finished(tmp_path: Path) -> None:
             from vsr2.motion import Motion
             study = Study.model_validate({
                 "rock": {"shape": "box", "size": [0.25, 0.5, 1.0], "density": 2700.0},
-                "motion": {"mode": "single_cosine", "pga_g": 0.2, "pgv_pga": 0.1},
+                "motion": {"mode": "single_cosine", "pga_g": 0.2, "pgv_pga_s": 0.1},
                 "engine": {"skip": "none"},
             })
             [first] = study_trials(study)
@@ -451,7 +451,7 @@ def test_mirrored_records_mirror_the_slip() -> None:
         {
             "rock": {"shape": "box", "size": [1.0, 1.0, 0.3], "density": 2700.0},
             "contact": {"rock": {"lateral_friction": 0.5}, "pedestal": {"lateral_friction": 0.5}},
-            "motion": {"mode": "single_cosine", "pga_g": 0.6, "pgv_pga": 0.1},
+            "motion": {"mode": "single_cosine", "pga_g": 0.6, "pgv_pga_s": 0.1},
         }
     )
     [flat] = study_trials(shape)

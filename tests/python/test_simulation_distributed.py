@@ -346,7 +346,7 @@ def test_effects_of_a_file_reach_a_cluster_whose_workers_do_not_read_it(
 ) -> None:
     pad = Path(__file__).resolve().parents[2] / "docs" / "examples" / "soft_pad.py"
     study = tmp_path / "study.yaml"
-    study.write_text(STUDY.replace("step: 0.05}\n  pgv", "step: 0.25}\n  pgv"))
+    study.write_text(STUDY.replace("step: 0.05}\n  pgv_m_s", "step: 0.25}\n  pgv_m_s"))
     soft = tmp_path / "soft.yaml"
     soft.write_text(f"{study.read_text()}effects: {{soft_pad: {{compliance: 3.0e-8}}}}\n")
     line = ["--quiet", "--effects", str(pad)]

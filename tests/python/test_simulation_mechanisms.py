@@ -38,7 +38,7 @@ def study(rock: dict[str, Any], mode: str = "exact", **sections: Any) -> Study:
     return Study.model_validate(
         {
             "rock": rock,
-            "motion": {"mode": "single_cosine", "pga_g": 0.5, "pgv_pga": 0.1},
+            "motion": {"mode": "single_cosine", "pga_g": 0.5, "pgv_pga_s": 0.1},
             "engine": {"mode": mode},
             **sections,
         }

@@ -35,7 +35,7 @@ rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
 motion:
   mode: grid_cosine
   pga_g: {min: 0.1, max: 0.6, step: 0.05}
-  pgv_pga: {min: 0.1, max: 0.2, step: 0.05}
+  pgv_pga_s: {min: 0.1, max: 0.2, step: 0.05}
 output: {log_every: 10, figures: false}
 """
 
@@ -141,7 +141,7 @@ def test_a_journal_with_other_columns_are_refused_in_one_line(tmp_path: Path) ->
     line = refused.stderr.strip()
     assert "\n" not in line
     assert re.search(
-        r"journal\.jsonl: is a vsr2 journal of version '4 with columns \w+', this", line
+        r"journal\.jsonl: is a vsr2 journal of version '5 with columns \w+', this", line
     )
 
 

@@ -146,8 +146,8 @@ def test_a_state_of_another_scene_or_drive_is_refused() -> None:
 @pytest.mark.parametrize(
     ("motion", "drive"),
     [
-        ({"mode": "single_cosine", "pga_g": 0.5, "pgv_pga": 0.1}, "prescribed"),
-        ({"mode": "single_cosine", "pga_g": 0.5, "pgv_pga": 0.1, "drive": "motor"},
+        ({"mode": "single_cosine", "pga_g": 0.5, "pgv_pga_s": 0.1}, "prescribed"),
+        ({"mode": "single_cosine", "pga_g": 0.5, "pgv_pga_s": 0.1, "drive": "motor"},
          "motor_position_velocity"),
         ({"mode": "single_recording", "file": RECORD, "drive": "motor"}, "motor_position"),
     ],
@@ -286,7 +286,7 @@ def test_a_log_that_cannot_fit_is_refused_before_any_work() -> None:
         engine={"time_step": 1e-6},
         outcome={"tail": 3600.0},
         output={"log_every": 1},
-        motion={"mode": "single_cosine", "pga_g": 0.1, "pgv_pga": 0.1},
+        motion={"mode": "single_cosine", "pga_g": 0.1, "pgv_pga_s": 0.1},
     )
     with pytest.raises(SimulationError, match="log_every"):
         run_batch(endless)

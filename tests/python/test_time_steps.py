@@ -19,7 +19,7 @@ BLOCK = {
     "motion": {
         "mode": "grid_cosine",
         "pga_g": {"min": 0.5, "max": 0.8, "step": 0.15},
-        "pgv_pga": {"min": 0.06, "max": 0.12, "step": 0.03},
+        "pgv_pga_s": {"min": 0.06, "max": 0.12, "step": 0.03},
     },
 }
 

@@ -53,7 +53,7 @@ from vsr2.trial import Trial
 
 ROOT = Path(__file__).resolve().parents[2]
 BOX = {"shape": "box", "size": [0.3, 0.5, 1.0], "density": 2700.0}
-MOTION = {"mode": "single_cosine", "pga_g": 0.5, "pgv_pga": 0.1}
+MOTION = {"mode": "single_cosine", "pga_g": 0.5, "pgv_pga_s": 0.1}
 SCAN = {"shape": "mesh", "file": str(ROOT / "models" / "pbr_scan.obj"), "density": 2650.0}
 EFFECTS = {
     "edge_rounding": {"radius": 0.006},

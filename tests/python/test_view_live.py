@@ -15,7 +15,7 @@ from vsr2.view import LiveView
 STUDY = Study.from_dict(
     {
         "rock": {"shape": "box", "size": [0.3, 0.3, 0.8], "density": 2500.0},
-        "motion": {"mode": "single_cosine", "pga_g": 0.2, "pgv_pga": 0.1},
+        "motion": {"mode": "single_cosine", "pga_g": 0.2, "pgv_pga_s": 0.1},
     }
 )
 

@@ -32,7 +32,7 @@ inline constexpr RestConstants kRest;
 struct QuietStretchConstants {
   /// A rock that is slower than this [m/s], [rad/s] for so long [s] rests, as in settling. A scanned rock
   /// on three points still trembles between 1e-4 and 1e-3 m/s. A quiet stretch leaves that out, which
-  /// changes about as many outcomes as a start that is moved by 1e-6 m (docs/validation/engines.md).
+  /// changes fewer outcomes than a start that is moved by 1e-6 m (docs/validation/engines.md).
   double still_speed = 1e-3;
   double still_rate = 2e-3;
   double still_window = 0.25;

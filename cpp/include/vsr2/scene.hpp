@@ -67,7 +67,8 @@ struct EngineSettings {
   int substeps = 1;          ///< solver steps per time_step
   int solver_iterations = 150;
   double residual_threshold = 0.0;               ///< [(m/s)^2]
-  /// Engine `fast`: contacts that stick are solved to where the sweeps lead in the end.
+  /// Engine `fast`: contacts that stick are solved to where the sweeps lead in the end, and those of a
+  /// hull are vertices, also where several are level.
   bool converged_contacts = true;
   /// Engine `fast`: a rock at rest is not stepped while it is bound to stay so.
   bool skip_quiet = true;

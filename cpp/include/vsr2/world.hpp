@@ -115,8 +115,11 @@ class World {
 
   // What the engine `fast` can besides, as long as Bullet has not taken over.
 
-  /// None where it is not known: where the world cannot carry(), or the rock is in the air.
-  virtual std::optional<Foothold> foothold() const;
+  /// Replaces `out` by what the rock stands on, its low vertices left out. Whether that is known: not
+  /// where the world cannot carry(), or the rock is in the air.
+  virtual bool foothold(Foothold& out) const;
+  /// Adds the low vertices to a foothold of this state.
+  virtual void add_low_vertices(Foothold&) const {}
   /// Time steps since a contact of the foothold opened, closed or slid.
   virtual std::int64_t steps_held() const { return 0; }
   /// Moves pedestal and rock as one body to set-point `to`, as if the time step before had led there

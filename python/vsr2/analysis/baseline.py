@@ -168,14 +168,14 @@ def logistic_baseline(
     """
     measures = intensity_measures(campaign)
     # NaN compares as false, so that unknown intensities drop out, too.
-    used = ~np.isnan(campaign.overturned) & (measures.pga_g > 0) & (measures.pgv_pga > 0)
+    used = ~np.isnan(campaign.overturned) & (measures.pga_g > 0) & (measures.pgv_pga_s > 0)
     if not used.any():
         raise ResultError(
             f"campaign {campaign.name!r}: no trial has an outcome, PGA and PGV/PGA; give "
             "trials.csv pga_g and pgv_pga_s, or motions"
         )
     chosen = campaign.select(used)
-    ratio, truth = measures.pgv_pga[used], chosen.overturned == 1
+    ratio, truth = measures.pgv_pga_s[used], chosen.overturned == 1
     # In m/s^2, as in the published figures: the prior is of squares, too, and so of the unit.
     pga = measures.pga_g[used] * STANDARD_GRAVITY
     fold = motion_folds(chosen, folds, seed)

@@ -26,6 +26,7 @@ _KIND = StoreKind(
     version=1,
     foreign="holds evaluations on another campaign; choose another folder, or start again with "
     "overwrite",
+    unsummed=True,
 )
 _CODES = "01x."
 """Stood, overturned, failed, not simulated."""

@@ -256,7 +256,7 @@ def trial_faults(values: Mapping[str, Any]) -> dict[str, str | None]:
         ("final_yaw", -MAX_YAW, MAX_YAW, "rad"),
         ("final_slip", -MAX_POSITION, MAX_POSITION, "m"),
         ("pga_g", 0, MAX_MEASURE, "g"),
-        ("pgv_pga", 0, MAX_MEASURE, "s"),
+        ("pgv_pga_s", 0, MAX_MEASURE, "s"),
     ):
         if values[name] is not None:
             faults[name] = number_fault(values[name], low, limit, unit)
@@ -283,7 +283,7 @@ class CampaignTrial:
         final_yaw: turn about the vertical that is left after the trial [rad]; None: unknown.
         final_slip: travel of the foot on the table along the shaking, likewise [m].
         pga_g: peak acceleration of the table as published with the data [g]; None: not given.
-        pgv_pga: PGV/PGA of the table as published with the data [s]; None: not given.
+        pgv_pga_s: PGV/PGA of the table as published with the data [s]; None: not given.
         date: of execution.
         note: for people.
         extra: numbers under names that start with `x_`, peers' predictions for example.
@@ -304,13 +304,14 @@ class CampaignTrial:
     final_yaw: float | None = None
     final_slip: float | None = None
     pga_g: float | None = None
-    pgv_pga: float | None = None
+    pgv_pga_s: float | None = None
     date: datetime.date | None = None
     note: str = ""
     extra: Mapping[str, float] = field(default_factory=dict)
     series: Series | None = None
 
     pga = Renamed("pga_g", " [g]")
+    pgv_pga = Renamed("pgv_pga_s", " [s]")
 
     def __post_init__(self) -> None:
         _refuse(f"trial {shown(self.trial)}", trial_faults(vars(self)))

@@ -21,13 +21,14 @@ class TrialIntensities:
 
     Attributes:
         pga_g: shape (trials,) [g].
-        pgv_pga: PGV/PGA, shape (trials,) [s].
+        pgv_pga_s: PGV/PGA, shape (trials,) [s].
     """
 
     pga_g: Array
-    pgv_pga: Array
+    pgv_pga_s: Array
 
     pga = Renamed("pga_g", " [g]")
+    pgv_pga = Renamed("pgv_pga_s", " [s]")
 
 
 def intensity_measures(campaign: Campaign, *, filter: Filter | None = None) -> TrialIntensities:
@@ -51,8 +52,8 @@ def intensity_measures(campaign: Campaign, *, filter: Filter | None = None) -> T
     for i, trial in enumerate(campaign.trials):
         if trial.pga_g is not None:
             pga[i] = trial.pga_g
-        if trial.pgv_pga is not None:
-            ratio[i] = trial.pgv_pga
+        if trial.pgv_pga_s is not None:
+            ratio[i] = trial.pgv_pga_s
         record = campaign.record(trial)
         if record is None or trial.motion_file is None or not np.isnan(pga[i] + ratio[i]):
             continue
@@ -71,4 +72,4 @@ def _measured(record: Record, filter: Filter) -> tuple[float, float]:
         channel="displacement" if record.acceleration is None else "acceleration",
         filter=filter,
     )
-    return motion.pga_g, motion.pgv_pga
+    return motion.pga_g, motion.pgv_pga_s

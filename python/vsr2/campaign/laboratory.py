@@ -32,7 +32,7 @@ from vsr2.motion import Record, read_record
 
 _TABLE = "trials.csv"
 _REQUIRED = ("test", "date", "motion")
-_MEASURES = {key: NUMBER_COLUMNS[key] for key in ("pga_g", "pgv_pga")}
+_MEASURES = {key: NUMBER_COLUMNS[key] for key in ("pga_g", "pgv_pga_s")}
 _OWN = (*_REQUIRED, *_MEASURES.values(), "has_motion")
 
 

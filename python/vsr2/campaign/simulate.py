@@ -389,7 +389,7 @@ def _unjudged(
                 specimen=SPECIMEN,
                 motion_file=file,
                 pga_g=motion.pga_g,
-                pgv_pga=motion.pgv_pga,
+                pgv_pga_s=motion.pgv_pga_s,
             )
         )
     return rows, files

@@ -43,7 +43,7 @@ def campaign_summary(campaign: Campaign) -> dict[str, Any]:
             for key, specimen in campaign.specimens.items()
         },
         "pga_g": _range(measures.pga_g),
-        "pgv_pga_s": _range(measures.pgv_pga),
+        "pgv_pga_s": _range(measures.pgv_pga_s),
         "extra_columns": list(campaign.extra_columns),
         "notes": dict(Counter(trial.note for trial in trials if trial.note)),
     }

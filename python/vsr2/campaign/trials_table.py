@@ -36,7 +36,7 @@ NUMBER_COLUMNS = {
     "final_yaw": "final_yaw_rad",
     "final_slip": "final_slip_m",
     "pga_g": "pga_g",
-    "pgv_pga": "pgv_pga_s",
+    "pgv_pga_s": "pgv_pga_s",
 }
 """Columns of numbers by the attribute of a trial."""
 _COLUMNS = {
@@ -130,8 +130,13 @@ _MEANT = {
 }
 """Columns by what people put into names of their own for them."""
 
-_REPLACED = {"pga_m_s2": f"divide it by {STANDARD_GRAVITY} and call it pga_g [g]"}
-"""What to do with columns of earlier versions."""
+_REPLACED = {
+    "pga_m_s2": f"divide it by {STANDARD_GRAVITY} and call it pga_g [g]",
+    **dict.fromkeys(
+        ("pgv", "pgv_m_s"), "divide it [m/s] by PGA [m/s^2] and call the ratio pgv_pga_s [s]"
+    ),
+}
+"""What to do with columns of earlier versions, or of other measures."""
 
 
 def _advice(name: str) -> str:

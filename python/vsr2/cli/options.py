@@ -30,7 +30,8 @@ def _shown(default: object) -> str | None:
 
 
 DEFAULTS = Parameter(negative=(), allow_repeating=True, show_default=_shown)
-"""For all verbs: no `--no-OPTION`; of a value given twice the last counts."""
+"""For all verbs: no `--no-OPTION`; of a value given twice the last counts.
+Of `KEY=VALUE` no key may be given twice."""
 
 
 def integer(kind: Any, tokens: Sequence[Token]) -> int | tuple[int, ...]:
@@ -322,8 +323,23 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
 
 
 def priors(texts: tuple[str, ...]) -> dict[str, Prior]:
-    """Several of them."""
-    return dict(prior(text) for text in texts)
+    """Several of them.
+
+    Raises:
+        ConfigError: one is no prior, or two are of one parameter.
+    """
+    from vsr2.errors import ConfigError
+
+    given: dict[str, tuple[str, Prior]] = {}
+    for text in texts:
+        key, value = prior(text)
+        if key in given:
+            raise ConfigError(
+                f"--prior {text}: {key} has {given[key][0].partition('=')[2]} already; give one of "
+                "them"
+            )
+        given[key] = text, value
+    return {key: value for key, (_, value) in given.items()}
 
 
 def prior(text: str) -> tuple[str, Prior]:

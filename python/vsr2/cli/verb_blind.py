@@ -156,7 +156,8 @@ class PackEffort:
     """How each diagnosis is made.
 
     Attributes:
-        campaigns: simulated ones of each protocol, 150 at least, which its campaigns share
+        campaigns: simulated ones of each protocol, 150 at least, which its campaigns share; 48
+            without effect are used besides
         budget_minutes: of each diagnosis, for packs whose campaigns have motions of their own
         budget_cpu_minutes: processor time of all threads together in place of wall time
         no_how_far: do not simulate again what is named, to say how far the gap shrinks

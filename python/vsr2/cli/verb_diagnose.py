@@ -28,8 +28,8 @@ class QuestionOptions:
 
     Attributes:
         tier: information to use (default: all there is, or that of --like)
-        reference: folder of a campaign of the same trials that is known to have no effect (may be
-            repeated)
+        reference: folder of a campaign of the same trials that is known to have no effect, not one
+            of a known effect (may be repeated)
         most_effects: so many effects may act together, 1 to 4; more need more simulated campaigns
         seed: of everything random
     """
@@ -53,7 +53,8 @@ class Effort:
         budget_cpu_minutes: processor time of all threads together in place of wall time
         simulations: so many at most instead of a time; more where the trials need more
         campaigns: so many simulated campaigns, 150 at least, whatever they cost: equal numbers give
-            equal verdicts, and campaigns of one set-up share them
+            equal verdicts, and campaigns of one set-up share them; 48 without effect, which tell
+            what chance does, are used besides
         like: do what the finished diagnosis in this folder did: with its --cache, another campaign
             of the same scene and trials takes seconds
         campaign_trials: so many trials of each simulated campaign, 40 at least (default: all with

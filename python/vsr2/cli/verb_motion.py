@@ -198,7 +198,7 @@ def generate(
     *,
     out: Target,
     pga_g: float,
-    pgv_pga: float,
+    pgv_pga_s: float,
     duration: float,
     seed: Integer = 0,
     time_step: float = DEFAULT_TIME_STEP,
@@ -212,7 +212,7 @@ def generate(
 
     Args:
         pga_g: [g]
-        pgv_pga: PGV/PGA [s], 0.012 to 0.4
+        pgv_pga_s: PGV/PGA [s], 0.012 to 0.4
         duration: significant duration, 5-95 % [s]
         seed: of the noise
         time_step: [s]
@@ -220,7 +220,7 @@ def generate(
     from vsr2.motion import intensity_measures, synthetic_motion, write_record
     from vsr2.report.messages.data import motion_measures
 
-    motion = synthetic_motion(pga_g, pgv_pga, duration, seed, time_step)
+    motion = synthetic_motion(pga_g, pgv_pga_s, duration, seed, time_step)
     write_record(motion, target_file(out, overwrite=overwrite), note=motion.source)
     if not quiet:
         print(motion_measures(intensity_measures(motion), out))

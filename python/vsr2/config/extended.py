@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 from pydantic import ValidationError
 
 from vsr2.config.bounded import from_here
-from vsr2.config.load import apply_override, build_study, locator
+from vsr2.config.load import apply_overrides, build_study, locator
 from vsr2.config.problems import Problem, config_error, problems_of, shown, unknown_key
 from vsr2.config.section import Section
 from vsr2.config.study import Study
@@ -134,7 +134,7 @@ def load_extended(
     label = os.fspath(path)
     document = read_yaml(path)
     data: dict[str, Any] = document.data
-    replaced = {apply_override(data, override): override for override in overrides}
+    replaced = apply_overrides(data, overrides)
     place = locator(label, document.lines, replaced)
     known = [*Study.model_fields, *own.model_fields]
     odd = [key for key in data if key not in known]

@@ -46,7 +46,7 @@ def load_study(
     if isinstance(overrides, str):
         raise ConfigError(f"overrides is the text {overrides!r}; give a list, as [{overrides!r}]")
     document = read_yaml(path)
-    replaced = {apply_override(document.data, override): override for override in overrides}
+    replaced = apply_overrides(document.data, overrides)
     _logger.debug("%s: read; %s replaced", label, counted(len(overrides), "setting"))
     place = locator(label, document.lines, replaced)
     base = from_here(label).parent
@@ -88,15 +88,36 @@ def file_locator(label: str | os.PathLike[str]) -> Callable[[KeyPath], str]:
         return locator(name, {})
 
 
-def apply_override(data: dict[str, Any], override: str) -> KeyPath:
-    """Set one key of a study's mapping, from `key.path=value` with the value in YAML.
+def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> dict[KeyPath, str]:
+    """Set keys of a study's mapping, each from `key.path=value` with the value in YAML.
 
     Returns:
-        The path of the key.
+        The overrides, by the path of the key that each sets.
 
     Raises:
-        ConfigError: not of that form, or the path leads through a value that is no section.
+        ConfigError: one is not of that form, leads through a value that is no section, or takes
+            the place of what an earlier one sets.
     """
+    replaced: dict[KeyPath, str] = {}
+    for override in overrides:
+        path, value = _read_override(override)
+        for earlier, lost in replaced.items():
+            if earlier[: len(path)] == path:
+                raise ConfigError(
+                    f"override {override!r}: takes the place of {lost!r}; give one of them"
+                )
+        section = data
+        for key in path[:-1]:
+            section = section.setdefault(key, {})
+            if not isinstance(section, dict):
+                raise ConfigError(f"override {override!r}: {key} is not a section of the study")
+        section[path[-1]] = value
+        replaced[path] = override
+    return replaced
+
+
+def _read_override(override: str) -> tuple[tuple[str, ...], Any]:
+    """The path of the key that an override sets, and its value."""
     key_path, equals, text = override.partition("=")
     keys = key_path.strip().split(".")
     if not equals or not all(keys):
@@ -107,13 +128,7 @@ def apply_override(data: dict[str, Any], override: str) -> KeyPath:
     value = parse_yaml(f"value: {text}".encode(), f"override {override!r}").data["value"]
     if keys[-1] in ("file", "folder", "campaign") and isinstance(value, str):
         value = str(from_here(value))
-    section = data
-    for key in keys[:-1]:
-        section = section.setdefault(key, {})
-        if not isinstance(section, dict):
-            raise ConfigError(f"override {override!r}: {key} is not a section of the study")
-    section[keys[-1]] = value
-    return tuple(keys)
+    return tuple(keys), value
 
 
 def study_from_mapping(

@@ -66,18 +66,18 @@ class SingleCosine(_Driven):
     """F [Hz]."""
     pga_g: Annotated[float, Strict(), Field(gt=0, le=100)] | None = None
     """Peak ground acceleration [g]."""
-    pgv_pga: Annotated[float, Strict(), Field(gt=0, le=100)] | None = None
+    pgv_pga_s: Annotated[float, Strict(), Field(gt=0, le=100)] | None = None
     """PGV/PGA, which is 1 / (2 pi F) [s]."""
 
     @model_validator(mode="after")
     def _one_parametrisation(self) -> Self:
         by_af = self.amplitude is not None and self.frequency is not None
-        by_im = self.pga_g is not None and self.pgv_pga is not None
+        by_im = self.pga_g is not None and self.pgv_pga_s is not None
         given = sum(
-            v is not None for v in (self.amplitude, self.frequency, self.pga_g, self.pgv_pga)
+            v is not None for v in (self.amplitude, self.frequency, self.pga_g, self.pgv_pga_s)
         )
         if given != 2 or by_af == by_im:
-            raise ValueError("give `amplitude` and `frequency`, or `pga_g` and `pgv_pga`")
+            raise ValueError("give `amplitude` and `frequency`, or `pga_g` and `pgv_pga_s`")
         return self
 
 
@@ -87,17 +87,17 @@ class GridCosine(_Driven):
     mode: Literal["grid_cosine"]
     pga_g: Range
     """Peak ground accelerations [g]; at most 100."""
-    pgv_pga: Range
+    pgv_pga_s: Range
     """Ratios PGV/PGA [s]; at most 100."""
 
     @model_validator(mode="after")
     def _bounded(self) -> Self:
-        for key in ("pga_g", "pgv_pga"):
+        for key in ("pga_g", "pgv_pga_s"):
             if getattr(self, key).max > 100:
                 raise ValueError(f"{key}.max is above 100; check its unit")
-        if self.pga_g.count * self.pgv_pga.count > MAX_GRID_TRIALS:
+        if self.pga_g.count * self.pgv_pga_s.count > MAX_GRID_TRIALS:
             raise ValueError(
-                f"{self.pga_g.count} x {self.pgv_pga.count} trials are more than "
+                f"{self.pga_g.count} x {self.pgv_pga_s.count} trials are more than "
                 f"{MAX_GRID_TRIALS}; raise `step`"
             )
         return self
@@ -174,10 +174,10 @@ def shortest_period(
 ) -> float | None:
     """Shortest period of a cosine motion [s], from PGV/PGA = 1 / (2 pi F); none for recordings."""
     if isinstance(motion, GridCosine):
-        return 2 * math.pi * motion.pgv_pga.min
+        return 2 * math.pi * motion.pgv_pga_s.min
     if isinstance(motion, SingleCosine):
         if motion.frequency is not None:
             return 1 / motion.frequency
-        if motion.pgv_pga is not None:
-            return 2 * math.pi * motion.pgv_pga
+        if motion.pgv_pga_s is not None:
+            return 2 * math.pi * motion.pgv_pga_s
     return None

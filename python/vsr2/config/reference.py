@@ -43,7 +43,7 @@ rock:
 motion:
   mode: single_cosine
   pga_g: 0.3
-  pgv_pga: 0.1
+  pgv_pga_s: 0.1
 ```
 """
 

@@ -68,14 +68,14 @@ class OriginalsValues:
         grid: of cosines, over PGA [g] and over PGV/PGA [s]: least, greatest and step.
         band: of recordings: corners [Hz] and order of the filter.
         pga_g: of a single cosine, whose goal stands in no file [g]; a value to begin with.
-        pgv_pga: likewise [s].
+        pgv_pga_s: likewise [s].
         inertia: relative error of a box's stated inertia that is rounding and no other body.
     """
 
     grid: tuple[float, float, float] = (0.1, 0.5, 0.2)
     band: tuple[float, float, int] = (0.1, 25.0, 3)
     pga_g: float = 0.3
-    pgv_pga: float = 0.3
+    pgv_pga_s: float = 0.3
     inertia: float = 0.01
 
 
@@ -310,7 +310,7 @@ class _Importer:
             return {
                 "mode": "single_cosine",
                 "pga_g": NOT_STATED.pga_g,
-                "pgv_pga": NOT_STATED.pgv_pga,
+                "pgv_pga_s": NOT_STATED.pgv_pga_s,
             }
         if mode == "earthquake_batch":
             self._note(NotKept.VELOCITY_RECORDS)
@@ -320,7 +320,7 @@ class _Importer:
             self._note(Assumed.UNKNOWN_MODE, mode=shown(mode))
         self._note(Kept.COSINE_GRID)
         grid = dict(zip(("min", "max", "step"), NOT_STATED.grid, strict=True))
-        return {"mode": "grid_cosine", "pga_g": grid, "pgv_pga": dict(grid)}
+        return {"mode": "grid_cosine", "pga_g": grid, "pgv_pga_s": dict(grid)}
 
     def _recordings(self, mode: str) -> dict[str, Any]:
         p = self._parameters

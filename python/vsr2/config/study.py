@@ -73,8 +73,9 @@ class Engine(Section):
     """Stop the sweeps once the largest squared velocity change is at most this [(m/s)^2]; 0:
     never."""
     converged_contacts: Annotated[Flag, of.CONVERGED] = True
-    """Engine `fast`: contacts that stick are solved to where the sweeps lead in the end; false:
-    every step is swept, as Bullet does. `preset: original` takes false."""
+    """Engine `fast`: contacts that stick are solved to where the sweeps lead in the end, and those
+    of a hull are its vertices; false: every step is swept and level vertices are searched between,
+    as Bullet does. `preset: original` takes false."""
     skip: Annotated[Literal["quiet", "none"], of.QUIET] = "quiet"
     """Engine `fast`: `quiet`: a rock at rest is not stepped while its contacts can bear the
     pedestal's acceleration; `none`: every step is taken. `preset: original` takes `none`."""

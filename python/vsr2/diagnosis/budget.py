@@ -75,7 +75,8 @@ class Budget(OnlyGiven):
         minutes: of wall time, training and judging included.
         simulations: their greatest number, however long they take; None: from `minutes`.
         campaigns: number of simulated campaigns, whatever they cost, so that all campaigns of one
-            set-up share them; None: from the above. At least 150.
+            set-up share them; None: from the above. At least 150. The look's draws without effect
+            are used besides.
         held_out: simulate again what is named, on motions that were not seen; without it a
             diagnosis does not say how far the gap shrinks.
         waterfall: judge each of the likeliest causes on motions that neither fit nor choice saw,

@@ -301,7 +301,7 @@ class _Work:
         if known is not None:
             return known
         campaigns = plain_campaigns(self.store, trials, self.schedule.plain)
-        done, answered = 0, False
+        done = 0
         leading: tuple[Found, Posterior] | None = None
         while count := self.schedule.next_campaigns(done, trials.size):
             more = simulate_campaigns(
@@ -311,8 +311,8 @@ class _Work:
             campaigns = campaigns.joined(more)
             done += count
             self._simulated(done, trials.size, leading)
-            if self.report is not None and not answered and self.schedule.first_answer(done):
-                answered = True
+            if leading is None and self._first_answer_is_due(done, trials.size):
+                self.notify(Stage.TRAINING, 0.0)
                 first = self._trained(campaigns, trials, done)
                 leading = (
                     first.infer(
@@ -325,6 +325,12 @@ class _Work:
         self.notify(Stage.TRAINING, 0.0)
         self.campaigns = campaigns
         return self._trained(campaigns, trials, done)
+
+    def _first_answer_is_due(self, done: int, trials: int) -> bool:
+        """Whether somebody gets it, and it is not the answer itself that is next."""
+        if self.report is None or not self.schedule.first_answer(done):
+            return False
+        return self.schedule.next_campaigns(done, trials) > 0
 
     def _simulated(self, done: int, trials: int, leading: tuple[Found, Posterior] | None) -> None:
         budget = self.schedule.spent_s

@@ -390,7 +390,7 @@ class TableSaturation(Effect):
         motion, step = trial.motion, trial.motion.time_step
         velocity, acceleration = values["velocity"], values["acceleration"]
         most = 1 + ACTUATION.over_cap
-        if motion.pgv <= most * velocity and motion.peak_acceleration <= most * acceleration:
+        if motion.pgv_m_s <= most * velocity and motion.peak_acceleration <= most * acceleration:
             return trial
         path: Path = held(motion, round(ACTUATION.saturated_rest / step))
         path = limited(path, velocity, acceleration, step, loop=values["return_frequency"])

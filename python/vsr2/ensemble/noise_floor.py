@@ -102,7 +102,7 @@ def _repeats(seen: Observations) -> tuple[NDArray[np.int64], NDArray[np.bool_]]:
     """
     same = (seen.motion[:, None] == seen.motion) & (seen.specimen[:, None] == seen.specimen)
     files = np.array([trial.motion_file or "" for trial in seen.campaign.trials])
-    log_pgv = seen.log_pga_g + seen.log_ratio
+    log_pgv = seen.log_pga_g + seen.log_pgv_pga_s
     near = np.abs(seen.log_pga_g[:, None] - seen.log_pga_g) <= OBSERVED.repeated
     near &= np.abs(log_pgv[:, None] - log_pgv) <= OBSERVED.repeated
     near |= files[:, None] == files

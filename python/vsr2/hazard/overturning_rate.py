@@ -197,7 +197,8 @@ def excluded_age(rates: ArrayLike, confidence: float = INTERVALS.level) -> float
         confidence: between 0 and 1.
 
     Raises:
-        HazardError: another confidence, or a rate that is not positive.
+        HazardError: another confidence, or a rate that is not positive or that excludes no age
+            which a double can hold.
     """
     from scipy.optimize import brentq
 
@@ -206,7 +207,13 @@ def excluded_age(rates: ArrayLike, confidence: float = INTERVALS.level) -> float
     given = np.atleast_1d(real_argument(rates, "rates", HazardError))
     if not (np.isfinite(given) & (given > 0)).all():
         raise HazardError("rates of overturning must be finite and above 0")
-    ages = -np.log1p(-confidence) / np.array([given.max(), given.min()])
+    with np.errstate(over="ignore"):
+        ages = -np.log1p(-confidence) / np.array([given.max(), given.min()])
+    if not np.isfinite(ages).all():
+        raise HazardError(
+            f"a rate of overturning is {given.min():.3g} per year, which excludes no age; check "
+            "hazard and fragility"
+        )
     if ages[0] == ages[1]:
         return float(ages[0])
     return float(
@@ -228,7 +235,7 @@ def read_lognormal(folder: Path | str, measure: str) -> Lognormal:
     path = Path(folder) / "lognormal.csv"
     try:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
-    except (OSError, UnicodeDecodeError) as error:
+    except (OSError, UnicodeDecodeError, csv.Error) as error:
         raise HazardError(
             f"cannot be read ({reason(error)}); give a folder that `vsr2 fragility` wrote",
             file=path,
@@ -243,9 +250,16 @@ def read_lognormal(folder: Path | str, measure: str) -> Lognormal:
             file=path,
         )
     fields = [name for name in Lognormal.__dataclass_fields__ if name != "fits"]
+    # A reader of CSV gives None for the columns that a short row lacks.
+    lacking = [name for name in fields if found[0].get(name) is None]
+    if lacking:
+        raise HazardError(
+            f"its row in {measure} lacks {', '.join(lacking)}; run `vsr2 fragility` again",
+            file=path,
+        )
     try:
         numbers = {name: float(found[0][name]) for name in fields}
-    except (KeyError, ValueError):
+    except ValueError:
         raise HazardError(
             f"has no median and beta in {measure}: the trials gave no rising curve (note "
             f"{found[0].get('note', '')!r}); see docs/how-to/fragility.md",

@@ -18,7 +18,7 @@ from vsr2.motion.measures import (
     intensity_measures,
     kinematics,
     pga_g,
-    pgv,
+    pgv_m_s,
     significant_duration,
 )
 from vsr2.motion.motion import Motion, SideMotion
@@ -71,7 +71,7 @@ __all__ = [
     "kinematics",
     "on_file",
     "pga_g",
-    "pgv",
+    "pgv_m_s",
     "read_record",
     "remove_baseline",
     "resample",

@@ -7,6 +7,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from vsr2.argument_names import checked_names
 from vsr2.config.motion_source import MIN_STEPS_A_PERIOD, GridCosine, Range
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Motion
@@ -14,7 +15,8 @@ from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.units import STANDARD_GRAVITY
 
 
-def cosine_parameters(pga_g: float, pgv_pga: float) -> tuple[float, float]:
+@checked_names(MotionError)
+def cosine_parameters(pga_g: float, pgv_pga_s: float) -> tuple[float, float]:
     """Amplitude A [m] and frequency F [Hz] of the pulse with these intensity measures.
 
     From x(t) = A (1 - cos 2 pi F t): PGA = A (2 pi F)^2 and PGV = A 2 pi F, so that
@@ -22,13 +24,13 @@ def cosine_parameters(pga_g: float, pgv_pga: float) -> tuple[float, float]:
 
     Args:
         pga_g: [g], g = 9.80665 m/s^2.
-        pgv_pga: PGV/PGA [s].
+        pgv_pga_s: PGV/PGA [s].
 
     Raises:
         MotionError: a value is not positive and finite.
     """
-    _require_positive(("pga_g [g]", pga_g), ("pgv_pga [s]", pgv_pga))
-    return pga_g * STANDARD_GRAVITY * pgv_pga**2, 1 / (2 * math.pi * pgv_pga)
+    _require_positive(("pga_g [g]", pga_g), ("pgv_pga_s [s]", pgv_pga_s))
+    return pga_g * STANDARD_GRAVITY * pgv_pga_s**2, 1 / (2 * math.pi * pgv_pga_s)
 
 
 def cosine_measures(amplitude: float, frequency: float) -> tuple[float, float]:
@@ -95,7 +97,7 @@ def cosine_motion(
         acceleration = amplitude * omega**2 * np.cos(phase)
     for signal in (displacement, velocity, acceleration):
         signal[-1] = 0.0
-    pga_g, pgv_pga = cosine_measures(amplitude, frequency)
+    pga_g, pgv_pga_s = cosine_measures(amplitude, frequency)
     return Motion(
         name=label,
         time_step=time_step,
@@ -105,14 +107,14 @@ def cosine_motion(
         kind="cosine",
         source=(
             f"cosine pulse, A = {amplitude:.12g} m, F = {frequency:.12g} Hz "
-            f"(PGA {pga_g:.6g} g, PGV/PGA {pgv_pga:.6g} s)"
+            f"(PGA {pga_g:.6g} g, PGV/PGA {pgv_pga_s:.6g} s)"
         ),
     )
 
 
-def cosine_name(pga_g: float, pgv_pga: float) -> str:
+def cosine_name(pga_g: float, pgv_pga_s: float) -> str:
     """Name of the pulse with PGA [g] and PGV/PGA [s], as the grid uses it."""
-    return f"cosine_pga{pga_g:.12g}g_pgv_pga{pgv_pga:.12g}s"
+    return f"cosine_pga{pga_g:.12g}g_pgv_pga{pgv_pga_s:.12g}s"
 
 
 def grid_values(values: Range) -> list[float]:
@@ -125,7 +127,7 @@ def grid_values(values: Range) -> list[float]:
 
 def grid_parameters(grid: GridCosine) -> Iterator[tuple[float, float]]:
     """PGA [g] and PGV/PGA [s] of every pulse of the grid, PGV/PGA running fastest."""
-    ratios = grid_values(grid.pgv_pga)
+    ratios = grid_values(grid.pgv_pga_s)
     for pga_g in grid_values(grid.pga_g):
         for ratio in ratios:
             yield pga_g, ratio

@@ -32,9 +32,9 @@ class IntensityMeasures:
 
     Attributes:
         pga_g: peak ground acceleration [g].
-        pgv: peak ground velocity [m/s].
+        pgv_m_s: peak ground velocity [m/s].
         pgd: peak ground displacement, from where it starts [m].
-        pgv_pga: PGV/PGA [s]; 0 at rest.
+        pgv_pga_s: PGV/PGA [s]; 0 at rest.
         arias: pi / (2 g) times the integral of a^2 (Arias 1970) [m/s].
         duration_5_75: significant duration, from 5 % to 75 % of the Arias intensity (Trifunac &
             Brady 1975) [s].
@@ -45,9 +45,9 @@ class IntensityMeasures:
     """
 
     pga_g: float
-    pgv: float
+    pgv_m_s: float
     pgd: float
-    pgv_pga: float
+    pgv_pga_s: float
     arias: float
     duration_5_75: float
     duration_5_95: float
@@ -56,14 +56,16 @@ class IntensityMeasures:
     duration: float
 
     pga = Renamed("pga_g", " [g]")
+    pgv = Renamed("pgv_m_s", " [m/s]")
+    pgv_pga = Renamed("pgv_pga_s", " [s]")
 
     def as_dict(self) -> dict[str, float]:
         """Every measure, its unit in its name."""
         return {
             "pga_g": self.pga_g,
-            "pgv_m_s": self.pgv,
+            "pgv_m_s": self.pgv_m_s,
             "pgd_m": self.pgd,
-            "pgv_pga_s": self.pgv_pga,
+            "pgv_pga_s": self.pgv_pga_s,
             "arias_m_s": self.arias,
             "duration_5_75_s": self.duration_5_75,
             "duration_5_95_s": self.duration_5_95,
@@ -82,7 +84,7 @@ def pga_g(acceleration: ArrayLike) -> float:
     return _peak(acceleration, "acceleration") / STANDARD_GRAVITY
 
 
-def pgv(velocity: ArrayLike) -> float:
+def pgv_m_s(velocity: ArrayLike) -> float:
     """Peak ground velocity [m/s]: the greatest magnitude of `velocity` (n,) [m/s].
 
     Raises:
@@ -231,12 +233,12 @@ def intensity_measures(
         histories = kinematics(source, channel=channel, filter=filter, baseline=baseline)
         time_step = source.sample_interval
     acceleration = histories.acceleration
-    peak, speed = _peak(acceleration, "acceleration"), pgv(histories.velocity)
+    peak, speed = _peak(acceleration, "acceleration"), pgv_m_s(histories.velocity)
     return IntensityMeasures(
         pga_g=peak / STANDARD_GRAVITY,
-        pgv=speed,
+        pgv_m_s=speed,
         pgd=_peak(histories.displacement, "displacement"),
-        pgv_pga=speed / peak if peak > 0 else 0.0,
+        pgv_pga_s=speed / peak if peak > 0 else 0.0,
         arias=arias_intensity(acceleration, time_step),
         duration_5_75=significant_duration(acceleration, time_step, 0.05, 0.75),
         duration_5_95=significant_duration(acceleration, time_step, 0.05, 0.95),

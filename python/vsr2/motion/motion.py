@@ -101,6 +101,8 @@ class Motion(OneLine, ReadOnlyArrays):
     recorded: Recorded | None = None
 
     pga = Renamed("pga_g", " [g] or peak_acceleration [m/s^2]")
+    pgv = Renamed("pgv_m_s", " [m/s]")
+    pgv_pga = Renamed("pgv_pga_s", " [s]")
     scaled_to_pga = Renamed("scaled_to_pga_g", ", which takes g")
 
     def __post_init__(self) -> None:
@@ -172,7 +174,7 @@ class Motion(OneLine, ReadOnlyArrays):
     @property
     def facts(self) -> Mapping[str, object]:
         """Its name and kind, length and time step [s], PGA [g] and PGV [m/s]."""
-        names = ("name", "kind", "duration", "time_step", "pga_g", "pgv")
+        names = ("name", "kind", "duration", "time_step", "pga_g", "pgv_m_s")
         return {name: getattr(self, name) for name in names}
 
     @classmethod
@@ -348,15 +350,15 @@ class Motion(OneLine, ReadOnlyArrays):
         return self.peak_acceleration / STANDARD_GRAVITY
 
     @cached_property
-    def pgv(self) -> float:
+    def pgv_m_s(self) -> float:
         """Peak ground velocity of the motion as driven [m/s]."""
         return float(np.abs(self.velocity).max())
 
     @property
-    def pgv_pga(self) -> float:
+    def pgv_pga_s(self) -> float:
         """PGV/PGA [s]; 0 for a motion at rest."""
         peak = self.peak_acceleration
-        return self.pgv / peak if peak > 0 else 0.0
+        return self.pgv_m_s / peak if peak > 0 else 0.0
 
     @cached_property
     def sha256(self) -> str:
@@ -415,7 +417,7 @@ class Motion(OneLine, ReadOnlyArrays):
             )
         peaks = {
             name: getattr(self, name) * abs(factor)
-            for name in ("_peak_displacement", "peak_acceleration", "pgv")
+            for name in ("_peak_displacement", "peak_acceleration", "pgv_m_s")
             # That of an acceleration which nobody has asked for yet stays unknown.
             if name != "peak_acceleration" or name in vars(self) or not self._origin_defers
         }

@@ -26,6 +26,6 @@ def history_figure(motion: Motion) -> Figure:
         panel.plot(motion.times, values, linewidth=0.8)
         panel.axhline(0.0, color="0.8", linewidth=0.6, zorder=0)
         panel.set_ylabel(label)
-    panels[0].set_title(f"{motion.name}: PGA {motion.pga_g:.3g} g, PGV {motion.pgv:.3g} m/s")
+    panels[0].set_title(f"{motion.name}: PGA {motion.pga_g:.3g} g, PGV {motion.pgv_m_s:.3g} m/s")
     panels[-1].set_xlabel("time [s]")
     return figure

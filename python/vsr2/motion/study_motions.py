@@ -354,22 +354,22 @@ def _single_cosine(source: SingleCosine, time_step: float) -> Motion:
     if source.amplitude is not None and source.frequency is not None:
         return cosine_motion(source.amplitude, source.frequency, time_step)
     assert source.pga_g is not None
-    assert source.pgv_pga is not None
-    return _cosine(source.pga_g, source.pgv_pga, time_step)
+    assert source.pgv_pga_s is not None
+    return _cosine(source.pga_g, source.pgv_pga_s, time_step)
 
 
-def _cosine(pga_g: float, pgv_pga: float, time_step: float) -> Motion:
-    amplitude, frequency = cosine_parameters(pga_g, pgv_pga)
-    return cosine_motion(amplitude, frequency, time_step, name=cosine_name(pga_g, pgv_pga))
+def _cosine(pga_g: float, pgv_pga_s: float, time_step: float) -> Motion:
+    amplitude, frequency = cosine_parameters(pga_g, pgv_pga_s)
+    return cosine_motion(amplitude, frequency, time_step, name=cosine_name(pga_g, pgv_pga_s))
 
 
 def _grid_cosine(grid: GridCosine, time_step: float) -> list[Motion]:
-    pgas, ratios = grid_values(grid.pga_g), grid_values(grid.pgv_pga)
+    pgas, ratios = grid_values(grid.pga_g), grid_values(grid.pgv_pga_s)
     count = len(pgas) * len(ratios)
     if count > MAX_MOTIONS:
         raise MotionError(
-            f"grid_cosine: {len(pgas)} values of pga_g times {len(ratios)} of pgv_pga give {count} "
-            f"motions; at most {MAX_MOTIONS}: raise a `step`"
+            f"grid_cosine: {len(pgas)} values of pga_g times {len(ratios)} of pgv_pga_s give "
+            f"{count} motions; at most {MAX_MOTIONS}: raise a `step`"
         )
     _check_total(
         len(pgas) * sum(2 * math.pi * ratio / time_step + 2 for ratio in ratios), "grid_cosine"

@@ -13,6 +13,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
+from vsr2.argument_names import checked_names
 from vsr2.config.seeds import checked_seed
 from vsr2.errors import MotionError
 from vsr2.motion.measures import significant_duration
@@ -131,9 +132,10 @@ def _shaped_noise(duration: float, ground_frequency: float, seed: int, low_pass:
     return shaped
 
 
+@checked_names(MotionError)
 def synthetic_motion(
     pga_g: float,
-    pgv_pga: float,
+    pgv_pga_s: float,
     duration: float,
     seed: int,
     time_step: float,
@@ -142,14 +144,14 @@ def synthetic_motion(
 ) -> Motion:
     """An earthquake-like motion with the intensity measures asked for.
 
-    As driven at `time_step` its PGA is `pga_g` to rounding, its PGV/PGA within 1 % of `pgv_pga`,
+    As driven at `time_step` its PGA is `pga_g` to rounding, its PGV/PGA within 1 % of `pgv_pga_s`,
     and its significant duration (5-95 %) within 3 % of `duration`. The ground frequency and the
     envelope's length are tuned to the noise; noise that cannot be tuned is replaced by the next of
     the same seed, so that a seed gives one motion.
 
     Args:
         pga_g: [g].
-        pgv_pga: [s], 0.012 to 0.4.
+        pgv_pga_s: [s], 0.012 to 0.4.
         duration: significant duration [s]; at least two periods 2 pi PGV/PGA and 2 s, at most 300.
         seed: not negative.
         time_step: of the simulation [s].
@@ -158,64 +160,67 @@ def synthetic_motion(
     Raises:
         MotionError: a value is out of these ranges, or no noise could be tuned.
     """
-    _check(pga_g, pgv_pga, duration, seed)
+    _check(pga_g, pgv_pga_s, duration, seed)
     label = (
-        name or f"synthetic_pga{pga_g:.12g}g_pgv_pga{pgv_pga:.12g}s_d{duration:.12g}s_seed{seed}"
+        name or f"synthetic_pga{pga_g:.12g}g_pgv_pga{pgv_pga_s:.12g}s_d{duration:.12g}s_seed{seed}"
     )
     for attempt in range(SYNTHETIC.attempts):
         # a sequence of its own for every attempt of every seed
         noise_seed = int(np.random.SeedSequence([seed, attempt]).generate_state(1, np.uint64)[0])
-        motion = _tuned(pga_g, pgv_pga, duration, noise_seed, time_step, label)
+        motion = _tuned(pga_g, pgv_pga_s, duration, noise_seed, time_step, label)
         if motion is not None:
             source = (
                 f"synthetic, seed {seed} (noise {attempt + 1}): PGA {pga_g:.12g} g, PGV/PGA "
-                f"{pgv_pga:.12g} s, significant duration {duration:.12g} s"
+                f"{pgv_pga_s:.12g} s, significant duration {duration:.12g} s"
             )
             return replace(motion, name=label, source=source, recorded=None)
     raise MotionError(
-        f"synthetic motion with PGV/PGA {pgv_pga:g} s and a significant duration of {duration:g} "
+        f"synthetic motion with PGV/PGA {pgv_pga_s:g} s and a significant duration of {duration:g} "
         f"s: none of {SYNTHETIC.attempts} noises of seed {seed} could be tuned to it; take another "
         "seed, or a longer duration"
     )
 
 
-def _check(pga_g: float, pgv_pga: float, duration: float, seed: int) -> None:
+def _check(pga_g: float, pgv_pga_s: float, duration: float, seed: int) -> None:
     most = SYNTHETIC.greatest_pga_g
     if not (math.isfinite(pga_g) and 0 < pga_g <= most):
         raise MotionError(
             f"synthetic motion: pga_g is {pga_g} g; it must lie above 0, up to {most:g} g"
         )
     low, high = SYNTHETIC.pgv_pga_range
-    if not low <= pgv_pga <= high:
+    if not low <= pgv_pga_s <= high:
         raise MotionError(
-            f"synthetic motion: pgv_pga is {pgv_pga} s; it must lie from {low:g} to {high:g} s"
+            f"synthetic motion: pgv_pga_s is {pgv_pga_s} s; it must lie from {low:g} to {high:g} s"
         )
     shortest, longest = SYNTHETIC.duration_range
-    least = max(shortest, SYNTHETIC.least_cycles * 2 * math.pi * pgv_pga)
+    least = max(shortest, SYNTHETIC.least_cycles * 2 * math.pi * pgv_pga_s)
     if not least <= duration <= longest:
         raise MotionError(
-            f"synthetic motion: duration is {duration} s; with PGV/PGA {pgv_pga:g} s it must lie "
+            f"synthetic motion: duration is {duration} s; with PGV/PGA {pgv_pga_s:g} s it must lie "
             f"from {least:.3g} to {longest:g} s"
         )
     checked_seed(seed, MotionError, "synthetic motion: seed")
 
 
 def _tuned(
-    pga_g: float, pgv_pga: float, duration: float, seed: int, time_step: float, label: str
+    pga_g: float, pgv_pga_s: float, duration: float, seed: int, time_step: float, label: str
 ) -> Motion | None:
     """The motion of this noise, or None where its measures cannot be brought to those asked for."""
     total = SYNTHETIC.start_length * duration + SYNTHETIC.ramp
     for _ in range(SYNTHETIC.rounds):
         if total / min(time_step, SYNTHETIC.interval) > MAX_SAMPLES:
             return None
-        frequency = _ground_frequency(total, pgv_pga, seed)
+        frequency = _ground_frequency(total, pgv_pga_s, seed)
         moved = _shaped(total, frequency, seed)
         motion = build_recorded_motion(
             Record(label, SYNTHETIC.interval, displacement=moved / np.abs(moved).max()), time_step
         ).scaled_to_pga_g(pga_g)
         reached = significant_duration(motion.acceleration, time_step)
         long_enough = abs(reached - duration) <= SYNTHETIC.duration_tolerance * duration
-        if long_enough and abs(motion.pgv_pga - pgv_pga) <= SYNTHETIC.pgv_pga_tolerance * pgv_pga:
+        if (
+            long_enough
+            and abs(motion.pgv_pga_s - pgv_pga_s) <= SYNTHETIC.pgv_pga_tolerance * pgv_pga_s
+        ):
             return motion
         # the ramps do not stretch with the envelope
         low, high = SYNTHETIC.stretch
@@ -228,12 +233,12 @@ def _shaped(duration: float, ground_frequency: float, seed: int) -> Array:
     return _shaped_noise(duration, ground_frequency, seed, low_pass)
 
 
-def _ground_frequency(duration: float, pgv_pga: float, seed: int) -> float:
+def _ground_frequency(duration: float, pgv_pga_s: float, seed: int) -> float:
     low, high = SYNTHETIC.ground_frequencies
     for _ in range(SYNTHETIC.halvings):
         middle = math.sqrt(low * high)
         # a higher ground frequency means more acceleration for the same velocity
-        if _ratio(_shaped(duration, middle, seed)) > pgv_pga:
+        if _ratio(_shaped(duration, middle, seed)) > pgv_pga_s:
             low = middle
         else:
             high = middle

@@ -29,24 +29,10 @@ def misfit(residuals: Array) -> Array:
     return np.asarray((residuals**2).mean(axis=-1))
 
 
-def held_out_misfits(copies: Copies, gap_free: NDArray[np.bool_], fold: NDArray[np.int64]) -> Array:
-    """Misfits of disturbed campaigns, each standardised by campaigns of the other folds.
-
-    A campaign that is among those that it is standardised by seems to fit better than a new one.
-
-    Args:
-        copies: campaigns as simulated, then disturbed.
-        gap_free: which have no effect, shape (n,).
-        fold: group of each campaign, shape (n,).
-
-    Returns:
-        Of each disturbed copy, shape (copies - 1, n).
-    """
-    return misfits_by(Standards.of(copies, gap_free, fold), copies[1:], fold)
-
-
 def misfits_by(standards: Standards, copies: Copies, fold: NDArray[np.int64]) -> Array:
     """Misfits of campaigns, each standardised by those of the other folds, shape (copies, n).
+
+    A campaign that is among those that it is standardised by seems to fit better than a new one.
 
     Args:
         standards: by the other folds.

@@ -193,7 +193,7 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
         measures = intensity_measures(result.campaign)
     except MotionError:
         return None
-    known = (measures.pga_g > 0) & (measures.pgv_pga > 0)
+    known = (measures.pga_g > 0) & (measures.pgv_pga_s > 0)
     if not known.any():
         return None
     probability = result.out_of_fold if result.folds else result.in_sample
@@ -201,7 +201,7 @@ def prediction_figure(result: CalibrationResult) -> Figure | None:
     observed = result.observed
     figure, axes = sheet(1, 1, (5.2, 4.2))
     panel = axes[0, 0]
-    x, y = measures.pgv_pga, measures.pga_g
+    x, y = measures.pgv_pga_s, measures.pga_g
     for outcome, marker, face, name in (
         (False, "o", SKY, "stood"),
         (True, "^", ORANGE, "overturned"),

@@ -139,7 +139,7 @@ def waterfall_figure(content: Mapping[str, Any]) -> Figure:
 
 def map_figure(rows: Rows) -> Figure:
     """Loss over the floor in the plane of PGA and PGV/PGA."""
-    known = [r for r in rows if math.isfinite(r["log_pga_g"]) and math.isfinite(r["log_ratio"])]
+    known = [r for r in rows if math.isfinite(r["log_pga_g"]) and math.isfinite(r["log_pgv_pga_s"])]
     figure, panel = _panel((5.2, 4.0))
     panel.set_xlabel("PGA [g]")
     panel.set_ylabel("PGV/PGA [s]")
@@ -155,7 +155,7 @@ def map_figure(rows: Rows) -> Figure:
         label = f"{ending}, {'a surprise' if extra > FIGURES.surprise else 'no surprise'}"
         [mark] = panel.plot(
             math.exp(row["log_pga_g"]),
-            math.exp(row["log_ratio"]),
+            math.exp(row["log_pgv_pga_s"]),
             "o",
             # In steps, because equal marks are stored once in a drawing.
             markersize=round(4.0 + 3.2 * math.sqrt(min(max(extra, 0.0), 6.0))),

@@ -100,7 +100,7 @@ def overturning_diagram(result: BatchResult) -> Figure:
     figure, axes = sheet(1, 1, (6.5, 5.0))
     panel = axes[0, 0]
     pga = np.asarray(result["pga_g"], dtype=np.float64)
-    ratio = np.asarray(result["pgv_pga"], dtype=np.float64)
+    ratio = np.asarray(result["pgv_pga_s"], dtype=np.float64)
     shown = result.finished & np.isfinite(pga) & np.isfinite(ratio)
     # Many trials hide one another: the gravest outcome is drawn last, all are smaller.
     size = float(np.clip(4000.0 / max(1, shown.sum()), 14.0, 50.0))

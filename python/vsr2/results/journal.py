@@ -1,7 +1,7 @@
 """The journal of a running batch: one record a finished trial, so that nothing finished is lost.
 
 A trial is recorded after its log is on disk, with length and hash of the log. Floats read back to
-the last bit.
+the last bit. A row that was changed since it was written is refused: its checksum differs.
 """
 
 from __future__ import annotations
@@ -40,7 +40,7 @@ _WORDS = {
 _COLUMNS = hashlib.sha256(json.dumps(COLUMNS).encode()).hexdigest()[:8]
 _KIND = StoreKind(
     format="vsr2 journal",
-    version=f"4 with columns {_COLUMNS}",
+    version=f"5 with columns {_COLUMNS}",
     foreign="belongs to an unfinished run with other trials or settings; finish that one with its "
     "own study, or start again with overwrite",
 )

@@ -87,8 +87,8 @@ def _columns() -> Iterator[Column]:
     yield results.pop("status")
     yield results.pop("outcome")
     yield given("pga_g", "g", "float64", "PGA of the driven motion")
-    yield given("pgv", "m/s", "float64", "PGV of the driven motion")
-    yield given("pgv_pga", "s", "float64", "PGV/PGA of the driven motion")
+    yield given("pgv_m_s", "m/s", "float64", "PGV of the driven motion")
+    yield given("pgv_pga_s", "s", "float64", "PGV/PGA of the driven motion")
     yield from results.values()
 
 

@@ -2,8 +2,10 @@
 
 JSON lines: a header that says what the file is and to what it belongs, then one record a line. A
 record is appended by a single write. However the process ends, the file holds whole lines and at
-most one torn last line, which the next writer drops. While a process has a store open it holds a
-lock on the file, where the file system has locks. Others may read it at the same time.
+most one torn last line, which the next writer drops. Each record ends with a checksum of what
+stands before it, so that a line that was changed by hand, or by a disk, is not taken. While a
+process has a store open it holds a lock on the file, where the file system has locks. Others may
+read it at the same time.
 """
 
 from __future__ import annotations
@@ -13,6 +15,7 @@ import fcntl
 import json
 import math
 import os
+import zlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -23,6 +26,8 @@ from vsr2.errors import ResultError
 
 MAX_BYTES = 2**32
 """Largest store that is read."""
+CHECKSUM = "crc32"
+"""Key of a record's checksum: CRC-32 of the record's text without it, eight hexadecimal digits."""
 
 Take = Callable[[dict[str, Any]], None]
 """Takes a record; ValueError, KeyError, TypeError, OverflowError: it is damaged."""
@@ -37,12 +42,14 @@ class StoreKind:
         version: of its records; another is refused.
         foreign: what a file of another identity is, and what to do about it.
         damaged: what to do about a damaged file.
+        unsummed: whether a record without checksum is taken: older VSR2 wrote none.
     """
 
     format: str
     version: int | str
     foreign: str
     damaged: str = "start again with overwrite"
+    unsummed: bool = False
 
 
 class Store:
@@ -72,7 +79,7 @@ class Store:
                 os.ftruncate(self._file, end)
                 os.lseek(self._file, 0, os.SEEK_END)
                 if end == 0:
-                    self._write(_header(kind, identity))
+                    self._write(_text(_header(kind, identity)))
             except BaseException:
                 os.close(self._file)
                 raise
@@ -89,15 +96,14 @@ class Store:
             ResultError: they cannot be written.
         """
         try:
-            self._write(*records)
+            self._write(*(_summed(_text(one)) for one in records))
         except OSError as error:
             raise ResultError(
                 f"{self._path}: cannot be written ({error.strerror}); free space and resume"
             ) from error
 
-    def _write(self, *records: Mapping[str, Any]) -> None:
-        content = "".join(json.dumps(one, separators=(",", ":")) + "\n" for one in records)
-        lines = content.encode()
+    def _write(self, *texts: str) -> None:
+        lines = "".join(f"{text}\n" for text in texts).encode()
         start = os.lseek(self._file, 0, os.SEEK_CUR)
         if os.write(self._file, lines) != len(lines):
             # A full disk takes part of it; take it back, so that later lines stay readable.
@@ -140,6 +146,7 @@ def read_store(path: Path, kind: StoreKind, identity: Mapping[str, Any], take: T
             raise ResultError(f"{path}: over {MAX_BYTES} bytes; not a file of VSR2")
         with path.open("rb") as file:
             for number, line in enumerate(file):
+                changed = False
                 if not line.endswith(b"\n"):
                     break
                 try:
@@ -147,11 +154,18 @@ def read_store(path: Path, kind: StoreKind, identity: Mapping[str, Any], take: T
                     if number == 0:
                         _check_header(path, kind, entry, header)
                     else:
+                        # First what a value is: that says more than that some value changed.
                         take(entry)
+                        changed = _is_changed(line, entry, kind)
                 except (ValueError, KeyError, TypeError, OverflowError, RecursionError) as error:
                     raise ResultError(
                         f"{path}:{number + 1}: damaged ({_reason(error)}); {kind.damaged}"
                     ) from None
+                if changed:
+                    raise ResultError(
+                        f"{path}:{number + 1}: was changed after it was written (its checksum "
+                        "differs); remove this line, and what it holds is done again"
+                    )
                 end += len(line)
     except OSError as error:
         raise ResultError(f"{path}: cannot be read ({error.strerror})") from error
@@ -173,6 +187,29 @@ def is_number(value: object, *, whole: bool = False) -> bool:
     if whole and type(value) is int:
         return abs(value) < 2**63
     return isinstance(value, float) and math.isfinite(value)
+
+
+def _text(record: Mapping[str, Any]) -> str:
+    return json.dumps(record, separators=(",", ":"))
+
+
+def _summed(text: str) -> str:
+    """The text of a record, which has a key, with its checksum as the last one."""
+    return f'{text[:-1]},"{CHECKSUM}":"{zlib.crc32(text.encode()):08x}"}}'
+
+
+def _is_changed(line: bytes, entry: Mapping[str, Any], kind: StoreKind) -> bool:
+    """Whether a line of the file is another than was written.
+
+    Raises:
+        KeyError: it has no checksum, and records of this kind have one.
+    """
+    if CHECKSUM not in entry:
+        if kind.unsummed:
+            return False
+        raise KeyError(CHECKSUM)
+    before = line.rpartition(f',"{CHECKSUM}":'.encode())[0].decode()
+    return _summed(f"{before}}}").encode() != line[:-1]
 
 
 def _record(line: bytes) -> dict[str, Any]:

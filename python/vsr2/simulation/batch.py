@@ -334,8 +334,8 @@ def _empty_columns(trials: Sequence[Trial]) -> dict[str, NDArray[Any]]:
         columns["motion_sha256"][i] = trial.motion.sha256
         columns["seed"][i] = trial.seed
         columns["pga_g"][i] = trial.motion.pga_g
-        columns["pgv"][i] = trial.motion.pgv
-        columns["pgv_pga"][i] = trial.motion.pgv_pga
+        columns["pgv_m_s"][i] = trial.motion.pgv_m_s
+        columns["pgv_pga_s"][i] = trial.motion.pgv_pga_s
     return columns
 
 

@@ -80,7 +80,7 @@ def recorded_campaign(
                 motion_file=label,
                 peak_tilt=float(np.clip(round(float(peak), 5), 0.0, 3.14159)),
                 pga_g=round(row.peak_acceleration / STANDARD_GRAVITY, 5),
-                pgv_pga=round(float(speed), 5),
+                pgv_pga_s=round(float(speed), 5),
                 series=_series(one, motion.duration, settings, rng)
                 if settings.series_interval
                 else None,

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable
 
-from vsr2.codes import NAMES, Code, Statement
+from vsr2.codes import Code, Statement
 
 
 class EventCode(Code):
@@ -22,15 +22,6 @@ class EventCode(Code):
     DIAGNOSED = "diagnosed", {"campaign": str, "tier": str, "verdict": str}
     FAILED = "failed", {"campaign": str, "tier": str, "cause": str, "message": str}
     OPENED = "opened", {"key": str}
-    UNKNOWN_EFFECT = "unknown_effect", {"campaign": str, "effect": str, "near": str}
-    NEAR_PARAMETER = (
-        "near_parameter",
-        {"campaign": str, "effect": str, "parameter": str, "near": str},
-    )
-    UNKNOWN_PARAMETER = (
-        "unknown_parameter",
-        {"campaign": str, "effect": str, "parameter": str, "known": NAMES},
-    )
 
 
 Say = Callable[[Statement], None]

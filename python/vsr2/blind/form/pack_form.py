@@ -134,9 +134,35 @@ Priors = Annotated[
 ]
 
 
+def _check_words(name: str, values: Mapping[str, float], where: str = "") -> None:
+    """Refuse the name of an effect that is a slip, and parameters that a known effect lacks.
+
+    Args:
+        name: of the effect.
+        values: by parameter.
+        where: goes before a key in messages.
+    """
+    known = library()
+    if name in known:
+        for word, value in values.items():
+            try:
+                known[name].parameter(word)
+            except ConfigError as error:
+                raise misfit(f"{where}values.{word}", value, f"{name} {error.message}") from None
+    elif meant := near_words(name, known, alike=NEAR.slip):
+        # Effects of another custodian may have names of their own.
+        wanted = f"there is no effect {name!r}; do you mean {meant[0]!r}?"
+        raise misfit(f"{where}name", name, wanted)
+
+
 class _Known(Part):
     name: Name
     values: dict[str, float]
+
+    @model_validator(mode="after")
+    def _check_known(self) -> _Known:
+        _check_words(self.name, self.values)
+        return self
 
 
 class Listed(Part):
@@ -236,6 +262,8 @@ class Entry(Part):
             if name not in self.exclude and self.kind is Kind.UNKNOWN and name in library():
                 wanted = f"it should hold {name}, as the kind is unknown"
                 raise misfit("exclude", self.exclude, wanted)
+        for i, effect in enumerate(self.effects):
+            _check_words(effect.name, effect.values, f"effects[{i}].")
         return self
 
 

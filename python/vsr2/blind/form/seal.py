@@ -10,15 +10,12 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from vsr2.blind.form.events import EventCode
 from vsr2.blind.form.pack_form import Key, Pack
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.reader import parsed
-from vsr2.codes import Statement
 from vsr2.config.problems import shown
 from vsr2.config.yaml_file import parse_yaml
 from vsr2.errors import BlindError, ConfigError
-from vsr2.near_words import NEAR, near_words
 from vsr2.results.atomic import write_atomic
 
 PACK_SCHEMA = "vsr2.blind-pack/2"
@@ -192,38 +189,6 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
                 "added); get the published folder again; nothing is scored"
             )
     return key
-
-
-def key_slips(key: Mapping[str, Any]) -> list[Statement]:
-    """Names of a key that are nearly the library's: what no diagnosis can name rightly.
-
-    Parameters that an effect lacks, too.
-
-    Args:
-        key: opened.
-    """
-    from vsr2.effects import library
-
-    out, known = [], library()
-    for campaign, entry in sorted(key["campaigns"].items()):
-        for effect in entry.get("effects") or ():
-            of = {"campaign": campaign, "effect": (name := effect["name"])}
-            if name not in known:
-                out += [
-                    Statement.of(EventCode.UNKNOWN_EFFECT, **of, near=near)
-                    for near in near_words(name, known, alike=NEAR.slip)
-                ]
-                continue
-            names = tuple(parameter.name for parameter in known[name].parameters)
-            for word in effect["values"]:
-                if word in names:
-                    continue
-                of["parameter"] = word
-                if near := near_words(word, names, alike=NEAR.offered):
-                    out.append(Statement.of(EventCode.NEAR_PARAMETER, **of, near=near[0]))
-                else:
-                    out.append(Statement.of(EventCode.UNKNOWN_PARAMETER, **of, known=names))
-    return out
 
 
 def is_open(key: Mapping[str, Any]) -> bool:

@@ -59,7 +59,7 @@ def logistic_in_pga(campaign: Campaign, _: Path) -> list[float]:
     """Intercept and slopes of the outcome's logistic curve in ln PGA and ln PGV/PGA."""
     from sklearn.linear_model import LogisticRegression
 
-    terms = np.log([(t.pga_g or 1.0, t.pgv_pga or 1.0) for t in campaign.trials])
+    terms = np.log([(t.pga_g or 1.0, t.pgv_pga_s or 1.0) for t in campaign.trials])
     truth = campaign.overturned
     known = np.isfinite(truth)
     if np.unique(truth[known]).size < 2:

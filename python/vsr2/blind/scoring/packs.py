@@ -13,7 +13,6 @@ from vsr2.blind.form.seal import (
     canonical,
     folder_sha256,
     is_open,
-    key_slips,
     make_folder,
     open_key,
     read_json,
@@ -81,14 +80,11 @@ def score_pack(
             f"diagnoses than those in {diagnoses} now; a pack is scored once: make a new one"
         )
     say(Statement.of(EventCode.OPENED, key=str(key)))
-    for slip in (slips := key_slips(opened)):
-        say(slip)
     scored = judge([(data, opened, diagnoses)], training=training, tiers=tiers)
     content = scored.to_json() | {
         "pack": read_pack(data).commitment.sha256,
         "submission": submission,
         "development": is_open(opened),
-        "slips": [slip.to_json() for slip in slips],
     }
     canonical(content)
     make_folder(out)

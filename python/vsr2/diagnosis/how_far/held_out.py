@@ -327,7 +327,7 @@ def rows(
                 "session": trial.session,
                 "order": trial.order,
                 "log_pga_g": float(seen.log_pga_g[i]),
-                "log_ratio": float(seen.log_ratio[i]),
+                "log_pgv_pga_s": float(seen.log_pgv_pga_s[i]),
                 "overturned": int(seen.overturned[i]),
                 "uncertain": int(k is not None),
                 "before": at(how_far.before),

@@ -33,7 +33,7 @@ def where_it_lies(
     """
     conditions = Conditions(
         seen.log_pga_g[trials],
-        seen.log_ratio[trials],
+        seen.log_pgv_pga_s[trials],
         seen.order[trials],
         seen.session[trials],
         seen.motion[trials],

@@ -85,7 +85,7 @@ class LocationKind(StrEnum):
 
     ALL_TRIALS = "all_trials"
     INTENSITY = "intensity"
-    """`pga`, `pgv_pga` or both: the `Third` of the campaign's values."""
+    """`pga_g`, `pgv_pga_s` or both: the `Third` of the campaign's values."""
     TREND = "trend"
     """Over the order of execution."""
     STEP = "step"
@@ -167,14 +167,14 @@ class Conditions:
     """What locations are made of, one value a trial.
 
     Attributes:
-        log_pga_g, log_ratio: logarithms of PGA and of PGV / PGA.
+        log_pga_g, log_pgv_pga_s: logarithms of PGA and of PGV / PGA.
         order: of execution.
         session, motion, specimen: indices from 0.
         sessions, specimens: their names by index.
     """
 
     log_pga_g: Array
-    log_ratio: Array
+    log_pgv_pga_s: Array
     order: Array
     session: NDArray[np.int64]
     motion: NDArray[np.int64]
@@ -300,7 +300,7 @@ def _family(conditions: Conditions) -> Iterator[_Weighed]:
 
 def _parts(conditions: Conditions) -> Iterator[_Weighed]:
     thirds: dict[str, Mapping[str, NDArray[np.bool_]]] = {}
-    for name, value in (("pga", conditions.log_pga_g), ("pgv_pga", conditions.log_ratio)):
+    for name, value in (("pga_g", conditions.log_pga_g), ("pgv_pga_s", conditions.log_pgv_pga_s)):
         known = np.isfinite(value)
         if known.sum() < SCAN.least_known:
             continue
@@ -309,9 +309,9 @@ def _parts(conditions: Conditions) -> Iterator[_Weighed]:
         for third, inside in thirds[name].items():
             yield _Weighed(LocationKind.INTENSITY, inside, {name: third})
     if len(thirds) == 2:
-        for pga, pgv_pga in product(*(held.items() for held in thirds.values())):
-            values = {"pga": pga[0], "pgv_pga": pgv_pga[0]}
-            yield _Weighed(LocationKind.INTENSITY, pga[1] & pgv_pga[1], values)
+        for pga, ratio in product(*(held.items() for held in thirds.values())):
+            values = {"pga_g": pga[0], "pgv_pga_s": ratio[0]}
+            yield _Weighed(LocationKind.INTENSITY, pga[1] & ratio[1], values)
     yield _Weighed(LocationKind.TREND, conditions.order - conditions.order.mean())
     for s, session in enumerate(conditions.sessions[1:], 1):
         after = conditions.session >= s

@@ -80,7 +80,7 @@ class Observations:
         rest_noise: standard errors of the final turn [rad] and of the final travel [m].
         motion, session, specimen: indices from 0, shape (n,).
         order: 0 at the first trial, 1 at the last, shape (n,).
-        log_pga_g, log_ratio: ln PGA [g] and ln PGV/PGA [s], shape (n,).
+        log_pga_g, log_pgv_pga_s: ln PGA [g] and ln PGV/PGA [s], shape (n,).
     """
 
     campaign: Campaign
@@ -96,7 +96,7 @@ class Observations:
     specimen: NDArray[np.int64]
     order: Array
     log_pga_g: Array
-    log_ratio: Array
+    log_pgv_pga_s: Array
 
     def __len__(self) -> int:
         return self.overturned.size
@@ -158,7 +158,7 @@ def same_trials(one: Observations, other: Observations) -> bool:
         np.abs(a - b) > OBSERVED.repeated
         for a, b in (
             (one.log_pga_g, other.log_pga_g),
-            (one.log_pga_g + one.log_ratio, other.log_pga_g + other.log_ratio),
+            (one.log_pga_g + one.log_pgv_pga_s, other.log_pga_g + other.log_pgv_pga_s),
         )
     ]
     return not np.any(far)
@@ -234,7 +234,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
             f"campaign {campaign.name!r}: the table rests in the motion {trial.motion_file!r} of "
             f"trial {trial.trial!r}{more}; leave such trials out"
         )
-    log_pga_g, log_ratio = np.log(measures.pga_g), np.log(measures.pgv_pga)
+    log_pga_g, log_pgv_pga_s = np.log(measures.pga_g), np.log(measures.pgv_pga_s)
     return Observations(
         campaign=used,
         tier=tier,
@@ -249,7 +249,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         specimen=_index([trial.specimen for trial in used.trials]),
         order=used.relative_order,
         log_pga_g=log_pga_g,
-        log_ratio=log_ratio,
+        log_pgv_pga_s=log_pgv_pga_s,
     )
 
 

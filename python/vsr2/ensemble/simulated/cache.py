@@ -35,6 +35,7 @@ _KIND = StoreKind(
     version=2,
     foreign="is no simulation cache of this form; remove it, and its simulations are made again",
     damaged="remove it, and its simulations are made again",
+    unsummed=True,
 )
 
 

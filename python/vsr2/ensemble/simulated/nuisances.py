@@ -305,19 +305,20 @@ class Nuisance:
 
     def __post_init__(self) -> None:
         names = [parameter.name for parameter in self.acting.parameters]
-        for name in filter(None, (self.parameter, self.direction)):
-            if name not in names:
+        for key, name in (("parameter", self.parameter), ("direction", self.direction)):
+            if name not in names and (name or key == "parameter"):
                 raise DiagnosisError(
-                    f"nuisance {self.name!r}: effect {self.acting.name!r} has no parameter "
-                    f"{name!r}; it has {', '.join(names)}"
+                    f"effect {self.acting.name!r} has no parameter {name!r}; it has "
+                    f"{', '.join(names)}",
+                    key=key,
                 )
         if not -1 <= self.correlation <= 1:
             raise DiagnosisError(
-                f"nuisance {self.name!r}: correlation is {self.correlation}; give -1 to 1"
+                f"correlation is {self.correlation}; give -1 to 1 (nuisance {self.name!r})"
             )
         if not 0 <= self.prior.sd < math.inf:
             raise DiagnosisError(
-                f"nuisance {self.name!r}: sd is {self.prior.sd}; give a number of 0 or more"
+                f"sd is {self.prior.sd}; give a number of 0 or more (nuisance {self.name!r})"
             )
 
     @cached_property
@@ -328,7 +329,7 @@ class Nuisance:
         known = {**known_effects(), **OWN_EFFECTS}
         if self.effect not in known:
             raise DiagnosisError(
-                f"nuisance: there is no effect {self.effect!r}; {offer(self.effect, [*known])}"
+                f"there is no effect {self.effect!r}; {offer(self.effect, [*known])}", key="effect"
             )
         return known[self.effect]
 

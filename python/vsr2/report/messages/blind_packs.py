@@ -27,15 +27,6 @@ EVENTS: Mapping[str, str] = {
     EventCode.DIAGNOSED: "{campaign} {tier}: {verdict}",
     EventCode.FAILED: "{campaign} {tier}: failed: {cause}: {message}",
     EventCode.OPENED: "{key}: opened, and all that it seals found right",
-    EventCode.UNKNOWN_EFFECT: (
-        "{campaign}: the library has no effect {effect!r}; {near} may be meant"
-    ),
-    EventCode.NEAR_PARAMETER: (
-        "{campaign}: the library has no parameter of {effect} {parameter!r}; {near} may be meant"
-    ),
-    EventCode.UNKNOWN_PARAMETER: (
-        "{campaign}: the library has no parameter of {effect} {parameter!r}; it has {known}"
-    ),
 }
 """Templates of the values."""
 check_worded(EventCode, EVENTS, __name__)

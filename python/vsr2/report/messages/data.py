@@ -163,13 +163,13 @@ def inertia_text(summary: Mapping[str, Any]) -> str:
 
 def motion_peaks(motion: Motion, file: Path) -> str:
     """Peaks of a motion that was written to a file."""
-    return f"{file}: PGA {motion.pga_g:.4g} g, PGV {motion.pgv:.4g} m/s"
+    return f"{file}: PGA {motion.pga_g:.4g} g, PGV {motion.pgv_m_s:.4g} m/s"
 
 
 def motion_measures(measures: IntensityMeasures, file: Path) -> str:
     """Measures of a motion that was written to a file."""
     return (
-        f"{file}: PGA {measures.pga_g:.4g} g, PGV/PGA {measures.pgv_pga:.4g} s, "
+        f"{file}: PGA {measures.pga_g:.4g} g, PGV/PGA {measures.pgv_pga_s:.4g} s, "
         f"significant duration {measures.duration_5_95:.4g} s"
     )
 
