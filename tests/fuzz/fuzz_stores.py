@@ -203,6 +203,7 @@ def posterior(path: Path) -> bytes:
 
     from vsr2.ensemble.simulated.library import free_parameters
     from vsr2.posterior.calibration import Levels
+    from vsr2.posterior.effect_curves import Curves
     from vsr2.posterior.files import save_posterior
     from vsr2.posterior.goodness_of_fit import LibraryFit
     from vsr2.posterior.network import Network
@@ -228,6 +229,16 @@ def posterior(path: Path) -> bytes:
             scale=summaries,
             # As many inputs as summaries and effects, and outputs of which the sets are made.
             networks=(Network(sets, [np.ones((11, 7))], [np.ones(7)]),),
+            curves=(
+                Curves(
+                    np.eye(3),
+                    np.ones(3),
+                    np.ones((2, 5, 3)),
+                    np.ones((2, 5)),
+                    np.ones(6),
+                    np.ones(7),
+                ),
+            ),
             levels=Levels(1.0, 0.2, 0.5, 0.5, 0.9, 0.05, 0.6, 0.7),
             parameters=Parameters(
                 library,

@@ -365,6 +365,8 @@ def same(one, other, found) -> bool:
         mine = found(posterior)
         return [
             *(w for network in posterior.networks for w in (*network.weights, *network.biases)),
+            *(curves.means for curves in posterior.curves),
+            *(curves.weights for curves in posterior.curves),
             posterior.centre, posterior.scale, posterior.gap_free,
             posterior.summaries.coefficients, posterior.summaries.reproduction,
             mine.probability,

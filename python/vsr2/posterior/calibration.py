@@ -86,6 +86,10 @@ class Levels:
         return NamingLimits(self.none_limit, self.least_name, self.least_together)
 
 
+Refine = Callable[[slice, Array], Array]
+"""From some rows of judged campaigns and the probability of every set to a better one."""
+
+
 class HeldOut(Protocol):
     """What networks make of campaigns that they did not see, disturbed."""
 
@@ -111,7 +115,48 @@ def pooled(log_probability: Array, temperature: float) -> Array:
     return np.asarray((out / out.sum(axis=-1, keepdims=True)).mean(axis=0))
 
 
-def calibrate(held_out: HeldOut, truth: Truth, fits: tuple[Array, Array]) -> Levels:
+def best_temperature(held_out: HeldOut, truth: Truth) -> float:
+    """By which log probabilities are divided, so that the logarithmic score is best.
+
+    Args:
+        held_out: as of :func:`calibrate`.
+        truth: of all campaigns.
+    """
+    from scipy.optimize import minimize_scalar
+
+    index, weight = _judged(truth)
+
+    def score(log_temperature: float) -> float:
+        p = np.exp(held_out.score(index, float(np.exp(log_temperature)))).mean(axis=0)
+        return float(-(weight * np.log(np.maximum(p, 1e-12))).sum() / weight.sum())
+
+    sought = minimize_scalar(score, bounds=CALIBRATED.temperatures, method="bounded")
+    return float(np.exp(sought.x))
+
+
+def _judged(truth: Truth) -> tuple[NDArray[np.int64], Array]:
+    """True sets and weights of all campaigns, then of those in which some act, without their own.
+
+    Returns:
+        Both of shape (campaigns + those in which some act,).
+    """
+    acting = truth.acting.any(axis=1)
+    outside = np.full(int(acting.sum()), truth.sets.outside)
+    out_of_library = truth.weight[acting] * PRIOR.outside / (1 - PRIOR.outside)
+    out_of_library *= truth.weight.sum() / max(truth.weight[acting].sum(), 1e-9)
+    return (
+        np.concatenate([truth.index, outside]),
+        np.concatenate([truth.weight, out_of_library]),
+    )
+
+
+def calibrate(
+    held_out: HeldOut,
+    truth: Truth,
+    fits: tuple[Array, Array],
+    temperature: float | None = None,
+    refine: Refine = lambda _, probability: probability,
+) -> Levels:
     """Temperature, and the limits of the rule, from campaigns that no network saw.
 
     Args:
@@ -119,26 +164,17 @@ def calibrate(held_out: HeldOut, truth: Truth, fits: tuple[Array, Array]) -> Lev
         truth: of all campaigns.
         fits: tail probability of each among campaigns without effect, and of what the library
             leaves unexplained, each shape (n,).
+        temperature: by which log probabilities are divided; None: the best.
+        refine: what is made of the probability of every set.
     """
-    from scipy.optimize import minimize_scalar
-
+    if temperature is None:
+        temperature = best_temperature(held_out, truth)
     acting = truth.acting.any(axis=1)
-    outside = np.full(int(acting.sum()), truth.sets.outside)
-    out_of_library = truth.weight[acting] * PRIOR.outside / (1 - PRIOR.outside)
-    out_of_library *= truth.weight.sum() / max(truth.weight[acting].sum(), 1e-9)
-    index = np.concatenate([truth.index, outside])
-    weight = np.concatenate([truth.weight, out_of_library])
-
-    def score(log_temperature: float) -> float:
-        p = np.exp(held_out.score(index, float(np.exp(log_temperature)))).mean(axis=0)
-        return float(-(weight * np.log(np.maximum(p, 1e-12))).sum() / weight.sum())
-
-    sought = minimize_scalar(score, bounds=CALIBRATED.temperatures, method="bounded")
-    temperature = float(np.exp(sought.x))
+    index, weight = _judged(truth)
     found: list[Candidates] = []
     labels = np.zeros((index.size, len(truth.sets.names) + 2))
     for rows in blocks(index.size, len(truth.sets)):
-        probability = pooled(held_out.log_probability(rows), temperature)
+        probability = refine(rows, pooled(held_out.log_probability(rows), temperature))
         found += [candidates(p, truth.sets, truth.alike) for p in probability]
         labels[rows] = label_probability(probability, truth.sets)
     plain = labels[: len(truth.index)][~acting, 0]

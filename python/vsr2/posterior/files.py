@@ -20,11 +20,13 @@ from vsr2.ensemble.simulated.library import Library, free_parameters
 from vsr2.errors import ResultError
 from vsr2.posterior.calibration import CALIBRATED, Levels
 from vsr2.posterior.discrepancy import DISCREPANCY
+from vsr2.posterior.effect_curves import EFFECT_CURVE, Curves
 from vsr2.posterior.file_arrays import FileArrays
 from vsr2.posterior.goodness_of_fit import LIBRARY_FIT, LibraryFit
 from vsr2.posterior.naming import NAMING
 from vsr2.posterior.network import NETWORK, Network
 from vsr2.posterior.parameters import PARAMETERS, Parameters
+from vsr2.posterior.second_cause import SECOND_CAUSE
 from vsr2.posterior.sets import Sets, declared_alike
 from vsr2.posterior.summaries import SUMMARY, Standard, Summaries
 from vsr2.posterior.training import TRAINING, Posterior
@@ -32,7 +34,7 @@ from vsr2.posterior.truth import PRIOR
 from vsr2.results.atomic import write_atomic
 
 POSTERIORS = "posterior-*.npz"
-FORMAT = 11
+FORMAT = 12
 """Of the file, and of features and their noise: a posterior of another form is trained again."""
 
 
@@ -57,7 +59,7 @@ def posterior_file(
     digest = hashlib.blake2b(digest_size=8)
     constants = (
         SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATED,
-        PARAMETERS, SET_PRIOR,
+        PARAMETERS, SET_PRIOR, EFFECT_CURVE, SECOND_CAUSE,
     )  # fmt: skip
     parts = (
         identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
@@ -94,6 +96,8 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
     for k, network in enumerate(posterior.networks):
         for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
             arrays[f"weight {k} {layer}"], arrays[f"bias {k} {layer}"] = weight, bias
+    for k, curves in enumerate(posterior.curves):
+        arrays |= {f"curves {k} {one.name}": getattr(curves, one.name) for one in fields(Curves)}
     for name in posterior.parameters.rows:
         arrays[f"rows {name}"] = posterior.parameters.rows[name]
         arrays[f"values {name}"] = posterior.parameters.values[name]
@@ -104,6 +108,7 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
         "trials": posterior.summaries.trials,
         "networks": len(posterior.networks),
         "layers": len(posterior.networks[0].weights),
+        "curves": len(posterior.curves),
         "levels": asdict(posterior.levels),
         "campaigns": posterior.campaigns,
     }
@@ -186,6 +191,7 @@ def _checked(
             _network(arrays, sets, k, _count(about, "layers"), count)
             for k in range(_count(about, "networks"))
         ),
+        curves=tuple(_curves(arrays, k) for k in range(_count(about, "curves", least=0))),
         levels=_levels(about["levels"]),
         parameters=_parameters(arrays, library, columns),
         alike=declared_alike(library),
@@ -211,6 +217,19 @@ def _network(arrays: FileArrays, sets: Sets, k: int, layers: int, summaries: int
         biases.append(arrays.numbers(f"bias {k} {layer}", outputs))
         inputs = weights[-1].shape[1]
     return Network(sets, weights, biases)
+
+
+def _curves(arrays: FileArrays, k: int) -> Curves:
+    """Those of one fold."""
+    place = f"curves {k}"
+    return Curves(
+        white=arrays.numbers(f"{place} white", "targets", "targets"),
+        origin=arrays.numbers(f"{place} origin", "targets"),
+        means=arrays.numbers(f"{place} means", "effects", "points", "targets"),
+        sizes=arrays.numbers(f"{place} sizes", "effects", "points"),
+        scale=arrays.numbers(f"{place} scale", "judged", above=0.0),
+        weights=arrays.numbers(f"{place} weights", arrays.size("judged") + 1),
+    )
 
 
 def _parameters(arrays: FileArrays, library: Library, columns: int) -> Parameters:
@@ -241,9 +260,9 @@ def _levels(content: Mapping[str, Any]) -> Levels:
     return Levels(**content)
 
 
-def _count(about: Mapping[str, Any], key: str) -> int:
-    """A whole number of at least 1."""
+def _count(about: Mapping[str, Any], key: str, least: int = 1) -> int:
+    """A whole number of at least `least`."""
     value = about[key]
-    if isinstance(value, bool) or not isinstance(value, int) or value < 1:
-        raise ValueError(f"key {key} is {value!r}, wanted is a whole number of at least 1")
+    if isinstance(value, bool) or not isinstance(value, int) or value < least:
+        raise ValueError(f"key {key} is {value!r}, wanted is a whole number of at least {least}")
     return value

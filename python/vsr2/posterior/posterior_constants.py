@@ -7,10 +7,12 @@ from typing import Any
 
 from vsr2.posterior.calibration import CALIBRATED
 from vsr2.posterior.discrepancy import DISCREPANCY
+from vsr2.posterior.effect_curves import EFFECT_CURVE
 from vsr2.posterior.goodness_of_fit import LIBRARY_FIT
 from vsr2.posterior.naming import NAMING
 from vsr2.posterior.network import NETWORK
 from vsr2.posterior.parameters import PARAMETERS
+from vsr2.posterior.second_cause import SECOND_CAUSE
 from vsr2.posterior.summaries import SUMMARY
 from vsr2.posterior.training import TRAINING
 from vsr2.posterior.truth import PRIOR
@@ -24,6 +26,8 @@ def posterior_constants() -> dict[str, dict[str, Any]]:
         "network": asdict(NETWORK),
         "prior": asdict(PRIOR),
         "training": asdict(TRAINING),
+        "effect_curves": asdict(EFFECT_CURVE),
+        "second_cause": asdict(SECOND_CAUSE),
         "calibration": asdict(CALIBRATED),
         "parameters": asdict(PARAMETERS),
         "library_fit": asdict(LIBRARY_FIT),

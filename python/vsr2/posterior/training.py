@@ -16,12 +16,14 @@ from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
 from vsr2.ensemble.simulated.library import Library
 from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.one_line import counted
-from vsr2.posterior.calibration import Levels, calibrate, pooled
+from vsr2.posterior.calibration import Levels, Refine, best_temperature, calibrate, pooled
 from vsr2.posterior.discrepancy import Disturbance
+from vsr2.posterior.effect_curves import Curves
 from vsr2.posterior.goodness_of_fit import LibraryFit, fit_probability, misfit, misfits_by
 from vsr2.posterior.naming import Naming, candidates, decide
 from vsr2.posterior.network import Network, SetOutputs, train_network
 from vsr2.posterior.parameters import Parameters, fit_parameters
+from vsr2.posterior.second_cause import fit_curves, refined
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY, Standard, Standards, Summaries, fit_summaries
 from vsr2.posterior.truth import PRIOR, Truth, left_out_together
@@ -82,6 +84,8 @@ class Posterior:
         standard, summaries: from campaigns to summaries.
         centre, scale: of summaries, shape (summaries,).
         networks: some a fold.
+        curves: of the effects, one a fold, by which the one that leads is fitted; none where no two
+            effects may act together.
         levels: calibrated.
         parameters: of effects.
         alike: which effects are declared alike, shape (effects, effects).
@@ -99,6 +103,7 @@ class Posterior:
     centre: Array
     scale: Array
     networks: tuple[Network, ...]
+    curves: tuple[Curves, ...]
     levels: Levels
     parameters: Parameters
     alike: Bools
@@ -123,6 +128,11 @@ class Posterior:
         inputs = network_inputs(self, summaries, allowed)
         logs = np.stack([one.log_probability(inputs, allowed)[0] for one in self.networks])
         probability = pooled(logs, self.levels.temperature)
+        if self.curves:
+            effect = self.summaries.effect
+            curves = [one.without(effect, allowed[0]) for one in self.curves]
+            own = summaries[0, : effect.size]
+            probability = refined(probability, self.sets, self.alike, allowed[0], own, curves)
         size = float(misfit(residuals[0]))
         fit = 1.0 if size <= self.excused else float(fit_probability(np.array(size), self.misfits))
         misfits, unexplained = self.summaries.unexplained(summaries)
@@ -226,13 +236,21 @@ def train(
         library_fit.probability(float(size), float(unexplained))
         for size, unexplained in zip(*summaries.unexplained(found[-1]), strict=True)
     ]
+    temperature = best_temperature(judged, truth)
+    held_out = _HeldOut(networks, judged, truth, fold)
+    curves = _curves(scaled, np.stack(found), campaigns, library, held_out, temperature)
     levels = calibrate(
-        judged, truth, (fit_probability(misfits[-1], gap_free_misfits), np.array(fits))
+        judged,
+        truth,
+        (fit_probability(misfits[-1], gap_free_misfits), np.array(fits)),
+        temperature,
+        held_out.refinement(curves, found[-1], summaries.effect),
     )
     _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
     return Posterior(
-        sets, standards.by_all, summaries, scaled.centre, scaled.scale, networks, levels,
-        parameters, truth.alike, disturbed_plain, gap_free_misfits, library_fit, len(campaigns),
+        sets, standards.by_all, summaries, scaled.centre, scaled.scale, networks, curves,
+        levels, parameters, truth.alike, disturbed_plain, gap_free_misfits, library_fit,
+        len(campaigns),
     )  # fmt: skip
 
 
@@ -320,6 +338,90 @@ def _networks(
         np.concatenate([by_all, without_own[:, acts]], axis=1),
         np.concatenate([everything, lacking[acts]]),
     )
+
+
+def _curves(
+    scaled: _Scaled,
+    found: Array,
+    campaigns: Campaigns,
+    library: Library,
+    held_out: _HeldOut,
+    temperature: float,
+) -> tuple[Curves, ...]:
+    """Curves of the effects, one a fold, and what is judged by them; none where none can be.
+
+    Args:
+        scaled: how summaries are.
+        found: summaries of each copy, shape (copies, n, summaries).
+        campaigns: simulated.
+        library: effects.
+        held_out: networks, and which campaigns each did not see.
+        temperature: by which log probabilities are divided.
+    """
+    truth = held_out.truth
+    if not ((truth.acting.sum(axis=1) == 2).any() and campaigns.gap_free.any()):
+        return ()
+
+    def probability(copy: int, rows: NDArray[np.int64]) -> Array:
+        own = held_out.networks_of(int(held_out.fold[rows[0]]))
+        allowed = np.ones((rows.size, truth.acting.shape[1]), dtype=bool)
+        inputs = network_inputs(scaled, found[copy, rows], allowed)
+        return pooled(np.stack([one.log_probability(inputs, allowed) for one in own]), temperature)
+
+    own = found[:, :, : scaled.summaries.effect.size]
+    return fit_curves(own, campaigns, library, truth, held_out.fold, probability)
+
+
+@dataclass(frozen=True, eq=False)
+class _HeldOut:
+    """Networks of each fold, and what they make of the campaigns that they did not see.
+
+    Attributes:
+        networks: some a fold.
+        judged: of the last copy what they make of all campaigns by all effects, then of those in
+            which some act, without their own.
+        truth: of the campaigns.
+        fold: group of each campaign.
+    """
+
+    networks: tuple[Network, ...]
+    judged: SetOutputs
+    truth: Truth
+    fold: NDArray[np.int64]
+
+    def networks_of(self, fold: int) -> tuple[Network, ...]:
+        """Those that did not see a fold."""
+        return self.networks[TRAINING.seeds * fold : TRAINING.seeds * (fold + 1)]
+
+    def refinement(
+        self, curves: tuple[Curves, ...], summaries: Array, effect: NDArray[np.int64]
+    ) -> Refine:
+        """What is made of the probabilities of judged campaigns, by curves that did not see them.
+
+        Args:
+            curves: one a fold, or none.
+            summaries: of all campaigns, of the copy that is judged, shape (n, summaries).
+            effect: index of the effect of each discriminant, -1 of a nuisance, shape (targets,).
+        """
+        truth = self.truth
+        row = np.concatenate([np.arange(len(self.fold)), np.flatnonzero(truth.acting.any(axis=1))])
+
+        def refine(rows: slice, probability: Array) -> Array:
+            if not curves:
+                return probability
+            return np.array(
+                [
+                    refined(
+                        p, truth.sets, truth.alike, allowed, summaries[i, : effect.size],
+                        [curves[self.fold[i]].without(effect, allowed)],
+                    )
+                    for p, allowed, i in zip(
+                        probability, self.judged.allowed[rows], row[rows], strict=True
+                    )
+                ]
+            )  # fmt: skip
+
+        return refine
 
 
 def _own_left_out(truth: Truth, rng: np.random.Generator) -> Bools:

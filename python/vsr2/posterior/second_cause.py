@@ -1,0 +1,353 @@
+"""What acts beside the effect that leads: the leading one is fitted, and what is left is judged.
+
+A strong effect drowns a weak one in the discriminants, and a network that saw each pair of effects
+in a campaign or two cannot learn which combination is which. So the posterior is refined where it
+says that an effect leads. By the effects' curves the leading one is fitted alone and together with
+each other one. A conditional logit (D. McFadden, "Conditional logit analysis of qualitative choice
+behavior", 1974) makes of that the probability of each other effect, and of nothing more. Its
+weights are common to all effects, so that few campaigns suffice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Iterator, Sequence
+from dataclasses import dataclass, replace
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.ensemble.simulated.campaigns import Campaigns
+from vsr2.ensemble.simulated.library import Library
+from vsr2.ensemble.simulated.linear_algebra import blocks
+from vsr2.posterior.effect_curves import EFFECT_CURVE, Curves, Design
+from vsr2.posterior.sets import Sets
+from vsr2.posterior.summaries import SUMMARY
+from vsr2.posterior.truth import Truth
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Rows = NDArray[np.int64]
+Judged = tuple[NDArray[np.float32], tuple[int, int, int], float]
+"""Features, in single precision; campaign, effect that leads, what stands beside it; weight."""
+
+
+@dataclass(frozen=True)
+class SecondCauseConstants:
+    """How the leading effect is fitted, and who stands beside it; chosen by hand.
+
+    Attributes:
+        shrunk: share of independent chance in its covariance.
+        least: probability of leading from which an effect is fitted.
+        penalty: of the squares of the logit's weights, by campaign.
+        copies: of each campaign on which the logit is trained, the last ones.
+        most_evidence, most_deviation: at which features are cut off.
+        tiny: below which no logarithm is taken, and by nothing less is divided.
+    """
+
+    shrunk: float = 0.05
+    least: float = 0.02
+    penalty: float = 1e-4
+    copies: int = 2
+    most_evidence: float = 60.0
+    most_deviation: float = 6.0
+    tiny: float = 1e-7
+
+
+SECOND_CAUSE = SecondCauseConstants()
+
+
+@dataclass(frozen=True, eq=False)
+class Seen:
+    """What the networks make of one campaign, of which the refinement needs a part.
+
+    Attributes:
+        none, outside: probabilities.
+        alone: of each effect alone, shape (effects,).
+        beside: of each pair, shape (effects, effects).
+        acts: of each effect in any set, shape (effects,).
+    """
+
+    none: float
+    outside: float
+    alone: Array
+    beside: Array
+    acts: Array
+
+    @classmethod
+    def of(cls, probability: Array, sets: Sets) -> Seen:
+        """From the probability of every set, shape (sets,)."""
+        count = len(sets.names)
+        pairs = sets.by_size[1]
+        beside = np.zeros((count, count))
+        beside[pairs[:, 0], pairs[:, 1]] = probability[1 + count : 1 + count + len(pairs)]
+        return cls(
+            float(probability[0]), float(probability[-1]), probability[1 : 1 + count],
+            beside + beside.T, sets.marginal(probability),
+        )  # fmt: skip
+
+    @property
+    def leading(self) -> Array:
+        """Probability that each effect acts alone, or leads another, shape (effects,)."""
+        place = np.argsort(np.argsort(-self.acts, kind="stable"))
+        leads = place[:, None] < place[None]
+        return np.asarray(self.alone + (self.beside * leads).sum(axis=1))
+
+
+def features(
+    curves: Curves, own: Array, lead: int, seen: Seen, alike: Bools, allowed: Bools
+) -> Array:
+    """What is judged of each other effect, and of nothing more, beside the one that leads.
+
+    Args:
+        curves: of the effects.
+        own: whitened discriminants of the campaign, shape (whitened,).
+        lead: index of the effect that leads.
+        seen: what the networks make of the campaign.
+        alike: effects declared alike, shape (effects, effects).
+        allowed: effects that the library has, shape (effects,).
+
+    Returns:
+        Shape (effects + 1, features), nothing more last; columns are of one or of the other.
+    """
+    means = curves.means
+    gain = means @ own - curves.half_squares
+    alone = gain[lead]
+    left = float(own @ own - 2 * alone.max())
+    # A campaign that no curve meets counts for less.
+    heat = max(1.0, left / own.size)
+    # Of each effect, its points and those of the one that leads; in one array, which takes time.
+    both = means @ means[lead].T
+    np.subtract(gain[:, :, None], both, out=both)
+    both += alone
+    best = both.max(axis=2)
+    most = best.max(axis=1)
+    rise = (most - alone.max()) / heat
+    both -= most[:, None, None]
+    both /= heat
+    summed = np.log(np.exp(both, out=both).mean(axis=(1, 2)))
+    evidence = rise + summed - np.log(np.exp((alone - alone.max()) / heat).mean())
+    evidence = np.clip(evidence, -SECOND_CAUSE.most_evidence, SECOND_CAUSE.most_evidence)
+    root = np.sqrt(np.maximum(rise, 0.0))
+    other = allowed & (np.arange(len(root)) != lead)
+    root[~other] = 0.0
+    second, first = np.sort(root)[-2:]
+    lone = root - np.where(root >= first, second, first)
+    own_size = np.log(curves.sizes[lead, int(alone.argmax())] + EFFECT_CURVE.added_size)
+    size = np.take_along_axis(curves.sizes, best.argmax(axis=1)[:, None], 1)[:, 0]
+    size = np.log(size + EFFECT_CURVE.added_size)
+    total = max(float(seen.alone[lead] + seen.beside[lead].sum()), SECOND_CAUSE.tiny)
+    share, logs = (
+        np.log(np.maximum(one, SECOND_CAUSE.tiny)) for one in (seen.beside[lead] / total, seen.acts)
+    )
+    same = np.asarray(alike[lead], dtype=float)
+    shape = np.full(share.shape, own_size)
+    others = np.stack(
+        [root, root**2, evidence, size, lone, share, logs, same, same * root, root * own_size,
+         share * root, shape, np.full(share.shape, np.log(heat))], axis=1,
+    )  # fmt: skip
+    others[~other] = 0.0
+    alone_share, none, outside = np.log(
+        np.maximum([seen.alone[lead] / total, seen.none, seen.outside], SECOND_CAUSE.tiny)
+    )
+    rest = evidence[other].max(initial=-SECOND_CAUSE.most_evidence)
+    nothing = [
+        alone_share, first, first**2, rest, alone_share * first, own_size, np.log(heat), none,
+        outside,
+    ]  # fmt: skip
+    out = np.zeros((len(share) + 1, others.shape[1] + len(nothing)))
+    out[:-1, : others.shape[1]] = others
+    out[-1, others.shape[1] :] = nothing
+    return out
+
+
+def odds(curves: Curves, found: Array, allowed: Bools) -> Array:
+    """Probability of each other effect and of nothing more, shape (..., effects + 1).
+
+    Args:
+        curves: with the logit's weights.
+        found: features, shape (..., effects + 1, features).
+        allowed: what may stand there, shape (..., effects + 1).
+    """
+    logits = np.where(allowed, _scaled(curves, found) @ curves.weights, -np.inf)
+    out = np.exp(logits - logits.max(axis=-1, keepdims=True))
+    return np.asarray(out / out.sum(axis=-1, keepdims=True))
+
+
+def refined(
+    probability: Array,
+    sets: Sets,
+    alike: Bools,
+    allowed: Bools,
+    discriminants: Array,
+    curves: Sequence[Curves],
+) -> Array:
+    """Probability of every set: what an effect has that leads is shared out again.
+
+    Shared out is what it has alone and with another; none, outside and larger sets keep theirs.
+
+    Args:
+        probability: by the networks, shape (sets,).
+        sets: the hypotheses.
+        alike: effects declared alike, shape (effects, effects).
+        allowed: effects that the library has, shape (effects,).
+        discriminants: of the campaign, shape (targets,).
+        curves: of the folds that count, whose probabilities are averaged, without the
+            discriminants of excluded effects.
+    """
+    seen = Seen.of(probability, sets)
+    leading = seen.leading
+    alone, beside = np.array(seen.alone), np.array(seen.beside)
+    place = np.argsort(np.argsort(-seen.acts, kind="stable"))
+    led = np.flatnonzero(leading > SECOND_CAUSE.least)
+    for lead in led:
+        below = place > place[lead]
+        beside[lead, below] = beside[below, lead] = 0.0
+        alone[lead] = 0.0
+    for lead in led:
+        may = np.append(allowed, True)
+        may[lead] = False
+        share = np.zeros(may.size)
+        for one in curves:
+            own = (discriminants - one.origin) @ one.white
+            share += odds(one, features(one, own, int(lead), seen, alike, allowed), may) / len(
+                curves
+            )
+        alone[lead] += leading[lead] * share[-1]
+        beside[lead] += leading[lead] * share[:-1]
+        beside[:, lead] += leading[lead] * share[:-1]
+    out = np.array(probability)
+    count, pairs = len(sets.names), sets.by_size[1]
+    out[1 : 1 + count] = alone
+    out[1 + count : 1 + count + len(pairs)] = beside[pairs[:, 0], pairs[:, 1]]
+    return out
+
+
+def fit_curves(
+    found: Array,
+    campaigns: Campaigns,
+    library: Library,
+    truth: Truth,
+    fold: Rows,
+    probability: Callable[[int, Rows], Array],
+) -> tuple[Curves, ...]:
+    """One of each fold, made of the other folds.
+
+    Args:
+        found: discriminants of each copy of campaigns, shape (copies, n, targets).
+        campaigns: simulated.
+        library: effects.
+        truth: of the campaigns.
+        fold: group of each campaign.
+        probability: of every set in some campaigns of a copy, by networks that did not see them.
+    """
+    mean = found.mean(axis=0)
+    design = Design.of(campaigns, library)
+    origin = mean[campaigns.gap_free].mean(axis=0)
+    means, given = [], np.zeros(mean.shape)
+    for k in range(SUMMARY.folds):
+        points, by_others = design.fitted(mean, origin, np.flatnonzero(fold != k))
+        means.append(points)
+        given[fold == k] = by_others[fold == k]
+    white = _whitening(found[1:] - origin - given)
+    plain = [
+        Curves(white, origin, one @ white, design.sizes, np.zeros(0), np.zeros(0)) for one in means
+    ]
+    seen, rows, weight = _judged(found, plain, truth, fold, probability)
+    scale = seen.std(axis=(0, 1)) + SECOND_CAUSE.tiny
+    others = [fold[rows[:, 0]] != k for k in range(SUMMARY.folds)]
+    scaled = [replace(one, scale=scale) for one in plain]
+    return tuple(
+        replace(one, weights=_conditional_logit(_scaled(one, seen[own]), rows[own], weight[own]))
+        for one, own in zip(scaled, others, strict=True)
+    )
+
+
+def _whitening(left: Array) -> Array:
+    """From discriminants to those whose chance has unit covariance; large ones count for less."""
+    flat = left.reshape(-1, left.shape[-1])
+    scale = flat.std(axis=0) + SECOND_CAUSE.tiny
+    flat = flat / scale
+    size = np.sqrt((flat**2).mean(axis=1, keepdims=True))
+    flat = flat / np.maximum(size / np.median(size), 1.0)
+    covariance = (1 - SECOND_CAUSE.shrunk) * flat.T @ flat / len(flat)
+    covariance[np.diag_indices(len(covariance))] += SECOND_CAUSE.shrunk
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)).T / scale[:, None])
+
+
+def _judged(
+    found: Array,
+    curves: Sequence[Curves],
+    truth: Truth,
+    fold: Rows,
+    probability: Callable[[int, Rows], Array],
+) -> tuple[Array, Rows, Array]:
+    """Features of campaigns beside each effect that acts, by curves that did not see them.
+
+    Returns:
+        Features; campaign, effect that leads and what stands beside it; weight.
+    """
+    acts = truth.acting.sum(axis=1)
+    judged: list[Judged] = []
+    for copy in range(len(found) - SECOND_CAUSE.copies, len(found)):
+        for k, one in enumerate(curves):
+            held = np.flatnonzero((fold == k) & ((acts == 1) | (acts == 2)))
+            # All sets of a few campaigns at a time.
+            for part in blocks(held.size, len(truth.sets)):
+                rows = held[part]
+                own = (found[copy, rows] - one.origin) @ one.white
+                for i, place, p in zip(rows, own, probability(copy, rows), strict=True):
+                    judged += _beside_each(one, place, truth, int(i), Seen.of(p, truth.sets))
+    seen, row, weight = zip(*judged, strict=True)
+    return np.array(seen), np.array(row), np.array(weight)
+
+
+def _beside_each(
+    curves: Curves, own: Array, truth: Truth, campaign: int, seen: Seen
+) -> Iterator[Judged]:
+    """What is judged beside each effect that acts in a campaign."""
+    count = len(truth.sets.names)
+    acting = [int(e) for e in np.flatnonzero(truth.acting[campaign])]
+    for lead in acting:
+        found = features(curves, own, lead, seen, truth.alike, np.ones(count, dtype=bool))
+        beside = next((e for e in acting if e != lead), count)
+        weight = float(truth.weight[campaign] * seen.leading[lead])
+        yield found.astype(np.float32), (campaign, lead, beside), weight
+
+
+def _scaled(curves: Curves, found: Array) -> Array:
+    """Features in their deviations, and the constant of nothing more."""
+    most = SECOND_CAUSE.most_deviation
+    out = np.zeros((*found.shape[:-1], found.shape[-1] + 1))
+    scaled = out[..., :-1]
+    np.divide(found, curves.scale, out=scaled)
+    np.clip(scaled, -most, most, out=scaled)
+    out[..., -1, -1] = 1.0
+    return out
+
+
+def _conditional_logit(x: Array, rows: Rows, weight: Array) -> Array:
+    """Weights of the features that make what stands beside the leading effect most probable.
+
+    Args:
+        x: scaled features, shape (n, effects + 1, features).
+        rows: campaign, effect that leads, and what stands beside it, shape (n, 3).
+        weight: of each, shape (n,).
+    """
+    from scipy.optimize import minimize
+
+    count = np.arange(len(x))
+    share = weight / weight.sum()
+    true = x[count, rows[:, 2]]
+
+    def score(w: Array) -> tuple[float, Array]:
+        logits = x @ w
+        logits[count, rows[:, 1]] = -np.inf
+        most = logits.max(axis=1, keepdims=True)
+        p = np.exp(logits - most)
+        total = p.sum(axis=1, keepdims=True)
+        logs = logits[count, rows[:, 2]] - most[:, 0] - np.log(total[:, 0])
+        p *= share[:, None] / total
+        slope = np.tensordot(p, x, 2) - share @ true + 2 * SECOND_CAUSE.penalty * w
+        return float(-(share @ logs) + SECOND_CAUSE.penalty * (w @ w)), slope
+
+    return np.asarray(minimize(score, np.zeros(x.shape[-1]), jac=True, method="L-BFGS-B").x)
