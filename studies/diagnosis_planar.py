@@ -15,7 +15,8 @@ Writes `campaigns.csv`, one row a planted campaign, tier and number of simulated
 limits are of tier M, the same for all tiers; `outcome_signal` says how much outcomes alone hold of
 an effect, in standard deviations, and 6 is twice the limit of that tier. `where_gain` is the share
 of the effect over that of the trials, in the median location that stands out. Probabilities are
-those of classes, a pair's of the one that leads; `p_true` of a pair is that of both.
+those of classes, a pair's of the one that leads; `p_true` of a pair is that of both. `inside` is of
+single effects, `inside_of_pairs` of the strong effects of pairs, each for itself.
 """
 
 from __future__ import annotations
@@ -62,6 +63,8 @@ FIRST = 100_000
 """Number of the first planted campaign."""
 SIGNAL_DRAWS = range(1, 17)
 """Draws of nuisances over which probabilities of overturning are taken."""
+STRONG = 2.0
+"""Size from which an effect is strong [detection limits]."""
 LEAST = 1e-4
 """Probability that a truth counts for at least."""
 
@@ -154,6 +157,13 @@ def magnitude(found: Found, posterior: Posterior, one: Acting) -> Row:
     }
 
 
+def magnitudes_together(found: Found, posterior: Posterior, acting: Sequence[Acting]) -> Row:
+    """Effects of a pair that are strong, and how many of their 90 % intervals hold the truth."""
+    strong = [one for one in acting if one.size >= STRONG]
+    inside = [magnitude(found, posterior, one)["inside"] for one in strong]
+    return {"strong_of_pair": len(strong), "inside_of_pair": sum(inside)}
+
+
 def changes(
     truth: SimulationCache, planted: Campaigns, trials: NDArray[np.int64], rows: Iterable[int]
 ) -> Array:
@@ -198,10 +208,10 @@ def scores(rows: list[Row]) -> Row:
     single, none, pair, unknown = (
         [row for row in rows if row["kind"] == kind] for kind in ("single", NONE, "pair", UNKNOWN)
     )
-    strong = [row for row in single if row["limits"] >= 2]
-    weak = [row for row in single if 1 <= row["limits"] < 2]
+    strong = [row for row in single if row["limits"] >= STRONG]
+    weak = [row for row in single if 1 <= row["limits"] < STRONG]
     by_outcomes = [row for row in single if row["outcome_signal"] >= 2 * LOOK.signal]
-    pair_1, pair_2 = ([row for row in pair if row["limits"] >= least] for least in (1, 2))
+    pair_1, pair_2 = ([row for row in pair if row["limits"] >= least] for least in (1, STRONG))
     stated = single + none
     others = np.array([row["p_unknown"] for row in rows if row["kind"] == DECOY])
     outside = np.array([row["p_unknown"] for row in unknown])
@@ -227,6 +237,8 @@ def scores(rows: list[Row]) -> Row:
         "calibration_error": _calibration([none, single, pair, unknown]),
         "error_strong": _median(row["error"] for row in strong),
         "inside": _mean(row["inside"] for row in single),
+        "strong_of_pairs": sum(row["strong_of_pair"] for row in pair),
+        "inside_of_pairs": _ratio(pair, "inside_of_pair", "strong_of_pair"),
         "located_strong": _mean(row["located"] for row in strong),
         "where_gain": _median(row["where_gain"] for row in strong if row["located"]),
         "where_twice": _mean(row["where_gain"] >= 2 for row in strong if row["located"]),
@@ -251,6 +263,11 @@ def scores(rows: list[Row]) -> Row:
 def _mean(values: Iterable[Any]) -> float:
     found = [float(value) for value in values]
     return float(np.mean(found)) if found else float("nan")
+
+
+def _ratio(rows: list[Row], part: str, whole: str) -> float:
+    total = sum(row[whole] for row in rows)
+    return sum(row[part] for row in rows) / total if total else float("nan")
 
 
 def _median(values: Iterable[Any]) -> float:
@@ -336,6 +353,8 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
                     row |= located(found, posterior, seen, rehearsal.trials, changed[i])
                 if kind == "single":
                     row |= magnitude(found, posterior, acting[0])
+                if kind == "pair":
+                    row |= magnitudes_together(found, posterior, acting)
                 rows.append(row)
                 if kind != "single" or acting[0].size < 1:
                     continue
