@@ -127,8 +127,7 @@ class Series:
 
     Attributes:
         time: increasing, shape (n,) [s]; 0 at the first sample of the trial's motion.
-        tilt: angle between the body's vertical at rest and the vertical, shape (n,) [rad]; noise
-            may make it negative. None: not measured.
+        tilt: of the body's vertical at rest, shape (n,) [rad], negative by noise; None: not known.
         position: shape (n, 3) [m], or None.
         orientation: quaternions x, y, z, w of norm 1, shape (n, 4), or None.
         yaw: turn about the vertical, shape (n,) [rad], or None; what `orientation` holds too.
