@@ -13,10 +13,17 @@ from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.form.seal import KEY_SCHEMA, PACK_SCHEMA, commitment, folder_sha256, write_json
 from vsr2.blind.mujoco import Drawable, GroundMotion, Parameter, Response
 from vsr2.diagnosis.verdict.document import SCHEMA
+from vsr2.effects import library
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
 SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5}
 SMALL |= {"signal_trials": 8, "replicates": 6}
+
+
+def strength_of(name):
+    """Parameter of an effect as the library names it; of one that it lacks `change`."""
+    known = library().get(name)
+    return known.parameters[0].name if known else "change"
 
 
 class QuickEngine:
@@ -27,7 +34,10 @@ class QuickEngine:
     static_acceleration = 4.0
     effects = {  # noqa: RUF012
         name: Drawable(
-            name, Parameter("change", "1", 0.0, -0.3 if signed else 0.0, 0.3), (), drifts
+            name,
+            Parameter(strength_of(name), "1", 0.0, -0.3 if signed else 0.0, 0.3),
+            (),
+            drifts,
         )
         for name, signed, drifts in (
             ("table_gain", True, False),
@@ -50,7 +60,7 @@ class QuickEngine:
             level = peak / 6.0 * n.height / n.width * (1 + 0.1 * shake.yaw)
             for i, (name, values) in enumerate(sorted(shake.effects.items())):
                 part = shake.context.order if name == "wear" else 1.0
-                level *= 1 + part * values["change"] * (1 + 0.1 * i)
+                level *= 1 + part * values[strength_of(name)] * (1 + 0.1 * i)
             tilt = min(1.25, 0.05 * level**3)
             time = np.arange(0.0, 1.0, series_interval)
             yield Response(
@@ -82,8 +92,9 @@ def diagnosis(kind, probabilities, effects=(), conformal=(), **more):
     }
 
 
-def effect(name, value=0.1, relative=3.0, null=0.0, strength="change"):
+def effect(name, value=0.1, relative=3.0, null=0.0, strength=None):
     """An effect of a key."""
+    strength = strength or strength_of(name)
     return {
         "name": name,
         "values": {strength: value},

@@ -1,8 +1,12 @@
 """Campaigns and verdicts written by hand, whose scores are computed by hand."""
 
-from blind_samples import diagnosis, effect
+from blind_samples import diagnosis, effect, strength_of
 
-ESTIMATE = {"change": {"mean": 0.12, "ci90": [0.08, 0.16], "unit": "1"}}
+
+def estimate(name):
+    """Of an effect's strength."""
+    return {"parameters": {strength_of(name): {"mean": 0.12, "ci90": [0.08, 0.16], "unit": "1"}}}
+
 
 CAMPAIGNS = {
     # right, by its class: slenderness for table_gain
@@ -36,14 +40,14 @@ VERDICTS = {
         {"restitution": 0.9, "unknown": 0.1},
         ["restitution"],
         ["restitution", "rocking_damping"],
-        restitution={"parameters": ESTIMATE},
+        restitution=estimate("restitution"),
     ),
     "c": diagnosis(
         "effect",
         {"restitution": 0.6, "friction": 0.3, "unknown": 0.1},
         ["restitution"],
         ["restitution", "friction", "wear"],
-        friction={"parameters": ESTIMATE},
+        friction=estimate("friction"),
     ),
     "d": diagnosis(
         "none", {"none": 0.8, "inertia": 0.1}, [], ["none"], closure=-0.2, gain=[-0.2, -0.1]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from blind_samples import SMALL, QuickEngine, make, protocol, pulses
+from blind_samples import SMALL, QuickEngine, make, protocol, pulses, strength_of
 from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import catalogue, draw_protocol
 from vsr2.blind.custodian.detection_limit import (
@@ -91,7 +91,7 @@ def test_what_nuisances_do_is_no_scatter() -> None:
     # What lies across the nuisances' direction is seen as if they were known: against 0.05 of own
     # scatter in 8 observations, scaled by 8 trials of 12 and by five slopes from 60 draws.
     expected = 0.05 / 0.05 * math.sqrt(8 / (8 / 12 + 5 / 60))
-    assert meter(SlopingEngine()).signal("wear", {"change": 0.1}) == pytest.approx(expected)
+    assert meter(SlopingEngine()).signal("wear", {"loss": 0.1}) == pytest.approx(expected)
 
 
 class DeafEngine(QuickEngine):
@@ -117,14 +117,14 @@ class JumpyEngine(QuickEngine):
 def test_one_trial_that_an_effect_makes_uncertain_is_no_strong_signal() -> None:
     # Without the effect its ln tilt scatters by a few hundredths; the effect moves it by 2 or more
     # in a third of the draws.
-    assert meter(JumpyEngine()).signal("wear", {"change": 0.1}) < 2.0
-    assert meter(DeafEngine()).signal("wear", {"change": 0.1}) == 0.0
+    assert meter(JumpyEngine()).signal("wear", {"loss": 0.1}) < 2.0
+    assert meter(DeafEngine()).signal("wear", {"loss": 0.1}) == 0.0
 
 
 def test_one_trial_that_leaps_counts_for_three_of_its_standard_deviations() -> None:
     # Scatters are scaled by 8 trials of 12 and by five slopes from 60 draws.
     most = 3 / math.sqrt(8 / 12 + 5 / 60)
-    found = meter(JumpyEngine(draws=1)).signal("wear", {"change": 0.1})
+    found = meter(JumpyEngine(draws=1)).signal("wear", {"loss": 0.1})
     assert 0.9 * most < found <= most * (1 + 1e-9)
 
 
@@ -134,7 +134,8 @@ class SteepEngine(QuickEngine):
     def run(self, shakes, series_interval):
         for shake in shakes:
             full = {
-                name: {"change": 0.3 * np.sign(v["change"])} for name, v in shake.effects.items()
+                name: {key: 0.3 * np.sign(v) for key, v in values.items()}
+                for name, values in shake.effects.items()
             }
             yield from super().run([replace(shake, effects=full)], series_interval)
 
@@ -170,13 +171,13 @@ def test_what_is_sealed_is_what_was_measured() -> None:
 
     def measure(engine, number, effect, values):
         asked.append((effect.name, number))
-        return values["change"] / true.get(effect.name, 0.05)
+        return values[strength_of(effect.name)] / true.get(effect.name, 0.05)
 
     found = plan(measure, single=120, pair=30, unknown=30, protocols=2)
     assert not found.refused
     for campaign in found.campaigns:
         for effect in campaign.effects:
-            expected = effect.values["change"] / true.get(effect.name, 0.05)
+            expected = effect.values[strength_of(effect.name)] / true.get(effect.name, 0.05)
             assert effect.relative == pytest.approx(expected, rel=1e-3)
             assert 0.5 <= effect.relative <= 6.0
     relative = [e.relative for c in found.campaigns for e in c.effects]
@@ -189,13 +190,17 @@ def test_a_draw_is_measured_on_the_protocol_of_its_campaign() -> None:
     asked = []
 
     def measure(engine, number, effect, values):
-        asked.append((number, effect.name, values["change"]))
-        return values["change"] / 0.05
+        asked.append((number, effect.name, values[strength_of(effect.name)]))
+        return values[strength_of(effect.name)] / 0.05
 
     found = plan(measure, single=30, unknown=6, protocols=3)
     for campaign in found.campaigns:
         for effect in campaign.effects:
-            assert (campaign.protocol, effect.name, effect.values["change"]) in asked
+            assert (
+                campaign.protocol,
+                effect.name,
+                effect.values[strength_of(effect.name)],
+            ) in asked
 
 
 def test_what_is_never_measured_inside_gives_way_to_the_next_and_is_leak() -> None:
@@ -205,7 +210,7 @@ def test_what_is_never_measured_inside_gives_way_to_the_next_and_is_leak() -> No
         calls[effect.name] += 1
         if effect.name == "friction":
             return 38.0
-        return 0.0 if effect.name == "inertia" else values["change"] / 0.05
+        return 0.0 if effect.name == "inertia" else values[strength_of(effect.name)] / 0.05
 
     found = plan(measure, single=24, pair=4, unknown=12)
     assert len(found.campaigns) == 40
@@ -220,7 +225,7 @@ def test_what_is_never_measured_inside_gives_way_to_the_next_and_is_leak() -> No
 
 def test_left_out_in_turn_is_what_can_be_measured() -> None:
     def measure(engine, number, effect, values):
-        return 0.0 if effect.name == "inertia" else values["change"] / 0.05
+        return 0.0 if effect.name == "inertia" else values[strength_of(effect.name)] / 0.05
 
     found = plan(measure, leave_one_out=2)
     names = Counter(c.effects[0].name for c in found.campaigns)

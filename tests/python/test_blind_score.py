@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from blind_samples import diagnosis, effect, hand_made
+from blind_samples import diagnosis, effect, hand_made, strength_of
 from scored_campaigns import CAMPAIGNS, VERDICTS
 from vsr2.analysis.intervals import (
     Score,
@@ -144,7 +144,9 @@ def test_magnitudes_are_relative_to_the_distance_from_the_null(tmp_path) -> None
         "b": ("single", [effect("input_filter", 20.0, null=None)]),
     }
     verdicts = {
-        name: diagnosis("effect", {e: 1.0}, [e], [e], **{e: {"parameters": {"change": estimate}}})
+        name: diagnosis(
+            "effect", {e: 1.0}, [e], [e], **{e: {"parameters": {strength_of(e): estimate}}}
+        )
         for name, e, estimate in (
             ("a", "restitution", {"mean": 1.13, "ci90": [1.0, 1.2]}),
             ("b", "input_filter", {"mean": 18.0}),
@@ -182,7 +184,7 @@ def test_engines_mean_the_same_size_by_the_same_value() -> None:
 
 
 def reported(low, high):
-    return {"parameters": {"change": {"mean": 0.5 * (low + high), "ci90": [low, high]}}}
+    return {"parameters": {"factor": {"mean": 0.5 * (low + high), "ci90": [low, high]}}}
 
 
 def test_bounds_are_where_they_are_said_to_be(tmp_path) -> None:
