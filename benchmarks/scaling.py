@@ -1,6 +1,7 @@
 """How cost and memory grow: with trials, time steps, hull vertices, worlds and streamed batches.
 
     python benchmarks/scaling.py [--trials N] [--logged N] [--engine MODE] [--out CSV]
+    python benchmarks/scaling.py --only hull_vertices    # the other rows stay as they are
 
 Cost is CPU time of one thread, the median of interleaved rounds. Memory is resident memory of a
 process of its own for each figure. The committed table is docs/results/scaling.csv.
@@ -51,6 +52,7 @@ VERTICES = (8, 100, 550, 2000)
 """Asked for; Bullet's hull of many has fewer."""
 ROUNDS = 3
 Array = NDArray[np.float64]
+Add = Callable[..., None]
 
 
 def short_trial(engine: str, log_every: int = 0) -> Trial:
@@ -226,6 +228,62 @@ def child(name: str, engine: str, *numbers: str) -> None:
         print(*streamed(engine, *map(int, numbers)))
 
 
+def measure_trials(options: argparse.Namespace, add: Add) -> None:
+    """Batches of equal short trials."""
+    mode, short = options.engine, short_trial(options.engine)
+    costs = medians(lambda n: cpu(many(short, n)), (250, 500, 1000, 2000, 4000))
+    for size, value in costs.items():
+        add("trials", mode, size, value, "CPU s")
+    add("trials", mode, 0, exponent(costs), "exponent")
+
+
+def measure_steps(options: argparse.Namespace, add: Add) -> None:
+    """One trial with longer and longer records."""
+    mode = options.engine
+    pose = Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0))
+    rock = replace(short_trial(mode), start=pose)
+    costs = medians(lambda n: cpu([shaken(rock, n)]), (10_000, 20_000, 40_000, 80_000))
+    for size, value in costs.items():
+        add("steps", mode, size, value, "CPU s")
+    add("steps", mode, 0, exponent(costs), "exponent")
+
+
+def measure_hulls(options: argparse.Namespace, add: Add) -> None:
+    """A time step of a standing rock with more and more vertices."""
+    short = short_trial(options.engine)
+    for shape, engine in itertools.product(SHAPES, (*ENGINES, SWEPT)):
+        for size, value in hull_costs(short, shape, engine).items():
+            add("hull_vertices", engine, size, value, "CPU us a step", shape)
+
+
+def measure_worlds(options: argparse.Namespace, add: Add) -> None:
+    """Growth of memory a world."""
+    for engine in ENGINES:
+        [memory] = in_a_process("world_memory", engine, options.worlds)
+        add("world_memory", engine, options.worlds, memory, "MB a world")
+
+
+def measure_streams(options: argparse.Namespace, add: Add) -> None:
+    """Batches into a folder, with and without logs."""
+    for log_every, count in ((0, options.trials), (20, options.logged)):
+        what = "streamed+logs" if log_every else "streamed"
+        peak, wall, disk = in_a_process("streamed", options.engine, count, log_every)
+        add(what, options.engine, count, peak, "MB peak resident")
+        add(what, options.engine, count, wall, "wall s")
+        add(what, options.engine, count, disk, "MB on disk")
+
+
+PARTS: dict[str, Callable[[argparse.Namespace, Add], None]] = {
+    "trials": measure_trials,
+    "steps": measure_steps,
+    "hull_vertices": measure_hulls,
+    "world_memory": measure_worlds,
+    "streamed": measure_streams,
+}
+WHAT = tuple(PARTS)
+"""In the order of the table."""
+
+
 def main() -> None:
     """Measure all and write the table."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -234,41 +292,24 @@ def main() -> None:
     parser.add_argument("--worlds", type=int, default=200)
     parser.add_argument("--engine", default="fast", help="of trials, steps and streamed")
     parser.add_argument("--out", type=Path, default=ROOT / "docs" / "results" / "scaling.csv")
+    parser.add_argument("--only", choices=WHAT, help="measure this part alone")
     parser.add_argument("--child", nargs="+", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.child:
         child(*options.child)
         return
     rows: list[list[object]] = []
+    if options.only:
+        with options.out.open(newline="") as file:
+            kept = list(csv.reader(file))[1:]
+        rows += [row for row in kept if not row[0].startswith(options.only)]
 
     def add(what: str, engine: str, size: int, value: float, unit: str, shape: str = "") -> None:
         rows.append([what, engine, shape, size, f"{value:.4g}", unit])
         print(f"{what:14} {engine:11} {shape:18} {size:7} {value:10.4g} {unit}", flush=True)
 
-    mode = options.engine
-    short = short_trial(mode)
-    costs = medians(lambda n: cpu(many(short, n)), (250, 500, 1000, 2000, 4000))
-    for size, value in costs.items():
-        add("trials", mode, size, value, "CPU s")
-    add("trials", mode, 0, exponent(costs), "exponent")
-    pose = Pose((0.0, 0.0, 3.0), (0.0, 0.0, 0.0, 1.0))
-    rock = replace(short, start=pose)
-    costs = medians(lambda n: cpu([shaken(rock, n)]), (10_000, 20_000, 40_000, 80_000))
-    for size, value in costs.items():
-        add("steps", mode, size, value, "CPU s")
-    add("steps", mode, 0, exponent(costs), "exponent")
-    for shape, engine in itertools.product(SHAPES, (*ENGINES, SWEPT)):
-        for size, value in hull_costs(short, shape, engine).items():
-            add("hull_vertices", engine, size, value, "CPU us a step", shape)
-    for engine in ENGINES:
-        [memory] = in_a_process("world_memory", engine, options.worlds)
-        add("world_memory", engine, options.worlds, memory, "MB a world")
-    for log_every, count in ((0, options.trials), (20, options.logged)):
-        what = "streamed+logs" if log_every else "streamed"
-        peak, wall, disk = in_a_process("streamed", mode, count, log_every)
-        add(what, mode, count, peak, "MB peak resident")
-        add(what, mode, count, wall, "wall s")
-        add(what, mode, count, disk, "MB on disk")
+    for what in (options.only,) if options.only else WHAT:
+        PARTS[what](options, add)
     options.out.parent.mkdir(parents=True, exist_ok=True)
     with options.out.open("w", newline="") as file:
         csv.writer(file).writerows([["what", "engine", "shape", "size", "value", "unit"], *rows])
