@@ -151,7 +151,8 @@ def _effects(evidence: Evidence, excluded: set[str], seed: int) -> list[dict[str
     """One row an effect, the most probable first."""
     found, posterior = evidence.found, evidence.posterior
     leads = posterior.sets.leading(found.probability[None])[0]
-    acts = posterior.sets.marginal(found.probability)
+    # Both are sums over sets, in another order: the second is not less by rounding.
+    acts = np.maximum(posterior.sets.marginal(found.probability), leads)
     out = [
         {
             "name": name,
