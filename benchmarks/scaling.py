@@ -302,7 +302,7 @@ def main() -> None:
     if options.only:
         with options.out.open(newline="") as file:
             kept = list(csv.reader(file))[1:]
-        rows += [row for row in kept if not row[0].startswith(options.only)]
+        rows += [list(row) for row in kept if not row[0].startswith(options.only)]
 
     def add(what: str, engine: str, size: int, value: float, unit: str, shape: str = "") -> None:
         rows.append([what, engine, shape, size, f"{value:.4g}", unit])

@@ -31,7 +31,7 @@ rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0, start: {mode: yaw, y
 motion:
   mode: grid_cosine
   pga_g: {min: 0.1, max: 0.6, step: 0.1}
-  pgv_pga: {min: 0.1, max: 0.2, step: 0.05}
+  pgv_pga_s: {min: 0.1, max: 0.2, step: 0.05}
 effects: {table_gain: {change: 0.02}}
 fragility:
   measures: [pga_g, pgv_pga_s]
@@ -43,7 +43,7 @@ LOGGED = """\
 name: logged
 engine: {mode: fast, time_step: 0.004}
 rock: {shape: box, size: [0.25, 0.5, 1.0], density: 2700.0}
-motion: {mode: single_cosine, pga_g: 0.4, pgv_pga: 0.1}
+motion: {mode: single_cosine, pga_g: 0.4, pgv_pga_s: 0.1}
 settling: {window: 0.01}
 outcome: {rest_window: 0.01, tail: 0.1}
 effects: {table_pitch: {compliance: 0.01}}

@@ -125,7 +125,7 @@ def store_seeds() -> list[tuple[str, bytes]]:
         "kind": "single", "engine": "mujoco", "protocol": 0, "exclude": ["wear"],
         "data_sha256": DIGEST, "flips": 0.25,
         "effects": [
-            {"name": "friction", "strength": "ratio", "values": {"ratio": 1.2}, "null": 1.0,
+            {"name": "friction", "strength": "factor", "values": {"factor": 1.2}, "null": 1.0,
              "relative": 2.0}
         ],
         "where": {"axis": "conditions", "weights": [0.0, 1.5, 0.25]},
@@ -235,8 +235,8 @@ def posterior(path: Path) -> bytes:
                     np.ones(3),
                     np.ones((2, 5, 3)),
                     np.ones((2, 5)),
-                    np.ones(6),
-                    np.ones(7),
+                    np.ones(22),
+                    np.ones(23),
                 ),
             ),
             levels=Levels(1.0, 0.2, 0.5, 0.5, 0.9, 0.05, 0.6, 0.7),

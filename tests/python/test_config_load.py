@@ -395,29 +395,11 @@ def test_bad_overrides_are_refused(tmp_path: Path, override: str) -> None:
         load_study(path, overrides=[override])
 
 
-@pytest.mark.parametrize(
-    ("first", "second"),
-    [
-        ("seed=1", "seed=1"),
-        ("seed=1", " seed =2"),
-        ("rock.mass=10", "rock.mass=20"),
-        ("rock.mass=10", "rock={shape: box, size: [1, 1, 1]}"),
-        ("contact.rock.restitution=0.5", "contact={}"),
-    ],
-)
-def test_an_override_that_takes_the_place_of_another_is_refused(
-    tmp_path: Path, first: str, second: str
-) -> None:
+def test_of_two_overrides_of_one_key_the_later_counts(tmp_path: Path) -> None:
     path = tmp_path / "study.yaml"
-    path.write_text(
-        "rock: {shape: box, size: [1, 1, 1], mass: 10}\n"
-        "motion: {mode: single_cosine, amplitude: 0.1, frequency: 1.0}\n"
-    )
-    with pytest.raises(ConfigError) as refused:
-        load_study(path, overrides=[first, "name=other", second])
-    assert str(refused.value) == (
-        f"override {second!r}: takes the place of {first!r}; give one of them"
-    )
+    path.write_text("motion: {mode: single_cosine, amplitude: 0.1, frequency: 1.0}\n")
+    rock = "rock={shape: box, size: [1, 1, 1], mass: 10}"
+    assert load_study(path, overrides=[rock, "seed=1", "seed=2"]).seed == 2
 
 
 def test_an_override_may_set_a_part_of_an_earlier_one(tmp_path: Path) -> None:

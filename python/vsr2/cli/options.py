@@ -30,8 +30,7 @@ def _shown(default: object) -> str | None:
 
 
 DEFAULTS = Parameter(negative=(), allow_repeating=True, show_default=_shown)
-"""For all verbs: no `--no-OPTION`; of a value given twice the last counts.
-Of `KEY=VALUE` no key may be given twice."""
+"""For all verbs: no `--no-OPTION`; of a value given twice the last counts."""
 
 
 def integer(kind: Any, tokens: Sequence[Token]) -> int | tuple[int, ...]:

@@ -91,21 +91,17 @@ def file_locator(label: str | os.PathLike[str]) -> Callable[[KeyPath], str]:
 def apply_overrides(data: dict[str, Any], overrides: Sequence[str]) -> dict[KeyPath, str]:
     """Set keys of a study's mapping, each from `key.path=value` with the value in YAML.
 
+    Of two of one key the later counts.
+
     Returns:
         The overrides, by the path of the key that each sets.
 
     Raises:
-        ConfigError: one is not of that form, leads through a value that is no section, or takes
-            the place of what an earlier one sets.
+        ConfigError: one is not of that form, or leads through a value that is no section.
     """
     replaced: dict[KeyPath, str] = {}
     for override in overrides:
         path, value = _read_override(override)
-        for earlier, lost in replaced.items():
-            if earlier[: len(path)] == path:
-                raise ConfigError(
-                    f"override {override!r}: takes the place of {lost!r}; give one of them"
-                )
         section = data
         for key in path[:-1]:
             section = section.setdefault(key, {})

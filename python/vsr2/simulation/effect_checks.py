@@ -94,7 +94,7 @@ class CheckConstants:
     jitter: float = 1e-5
     resamples: int = 60
     tilts: tuple[float, float] = (1e-5, 1.4)
-    draws: Mapping[Rock, int] = field(default_factory=lambda: {"block": 3, "scan": 32})
+    draws: Mapping[Rock, int] = field(default_factory=lambda: {"block": 3, "scan": 64})
     turns: Mapping[Rock, float] = field(default_factory=lambda: {"block": 30.0, "scan": 0.0})
     floors: Mapping[str, float] = field(
         default_factory=lambda: {
