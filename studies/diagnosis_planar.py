@@ -260,8 +260,8 @@ def _mean(values: Iterable[Any]) -> float:
     return float(np.mean(found)) if found else float("nan")
 
 
-def _ratio(rows: list[Row], part: str, whole: str) -> float:
-    total = sum(row[whole] for row in rows)
+def _ratio(rows: list[Row], part: str, of: str) -> float:
+    total = sum(row[of] for row in rows)
     return sum(row[part] for row in rows) / total if total else float("nan")
 
 
