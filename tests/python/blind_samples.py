@@ -5,15 +5,18 @@ from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import vsr2.ensemble.observed.observations as observations
-from vsr2.blind import make_pack
+from foreign_pack import change_pack, write_pack
+from vsr2.blind import diagnose_pack, make_pack
 from vsr2.blind.custodian.design import catalogue, draw_protocol
 from vsr2.blind.form.pack_settings import PackSettings
 from vsr2.blind.form.seal import KEY_SCHEMA, PACK_SCHEMA, commitment, folder_sha256, write_json
 from vsr2.blind.mujoco import Drawable, GroundMotion, Parameter, Response
 from vsr2.diagnosis.verdict.document import SCHEMA
 from vsr2.effects import library
+from vsr2.errors import BlindError
 
 SCENE = Path(__file__).resolve().parents[2] / "configs" / "blind.yaml"
 SMALL = {"trials": 12, "motions": 4, "sessions": 3, "catalogue": 5}
@@ -208,3 +211,12 @@ ALTERED_SUBMISSIONS: dict[str, dict[str, object] | None] = {
     "cannot be read; .*: get it back from a copy": None,
 }
 """Keys of a `submission.json` altered by hand, by what is said of them; None: cut short."""
+
+
+def assert_pack_refused(changes, message, folder):
+    """A changed pack is refused before anything is written."""
+    data, _ = write_pack(folder)
+    change_pack(data, **changes)
+    with pytest.raises(BlindError, match=rf"pack\.json: {message}"):
+        diagnose_pack(data, folder / "out")
+    assert not (folder / "out").exists()

@@ -4,9 +4,9 @@ import copy
 
 import pytest
 
-from blind_samples import stand_in
-from foreign_pack import KEY, Reported, change_pack, write_diagnoses, write_pack
-from vsr2.blind import diagnose_pack, score_pack
+from blind_samples import assert_pack_refused, stand_in
+from foreign_pack import KEY, Reported, write_diagnoses, write_pack
+from vsr2.blind import score_pack
 from vsr2.blind.form.seal import open_key
 from vsr2.errors import BlindError
 
@@ -47,11 +47,7 @@ def reference(**effect):
     ],
 )
 def test_slips_of_a_pack_are_refused_before_any_simulation(changes, message, tmp_path) -> None:
-    data, _ = write_pack(tmp_path)
-    change_pack(data, **changes)
-    with pytest.raises(BlindError, match=rf"pack\.json: {message}"):
-        diagnose_pack(data, tmp_path / "out")
-    assert not (tmp_path / "out").exists()
+    assert_pack_refused(changes, message, tmp_path)
 
 
 @pytest.mark.parametrize(

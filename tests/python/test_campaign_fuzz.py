@@ -1,31 +1,16 @@
 """The fuzz command's campaign reader runs clean, and its corpus is sound."""
 
 import shutil
-import subprocess
-import sys
-from pathlib import Path
 
 import pytest
 
+from fuzz_command import SCRIPT, assert_runs_clean
 from vsr2.campaign import check_campaign
 from vsr2.errors import CampaignError
 
-SCRIPT = Path(__file__).parents[1] / "fuzz" / "fuzz_readers.py"
-
 
 def test_the_campaign_reader_runs_clean(tmp_path):
-    done = subprocess.run(
-        [
-            *(sys.executable, str(SCRIPT), "--reader", "campaign", "--engine", "seeded"),
-            *("--seconds", "2", "--findings", str(tmp_path / "findings")),
-        ],
-        capture_output=True,
-        text=True,
-        timeout=120,
-        check=False,
-    )
-    assert done.returncode == 0, done.stdout
-    assert "nothing found" in done.stdout
+    assert_runs_clean(["campaign"], tmp_path)
 
 
 def test_the_corpus_is_sound_so_that_mutations_get_past_the_first_check(tmp_path, monkeypatch):

@@ -3,13 +3,11 @@
 import shutil
 import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
+from fuzz_command import SCRIPT, assert_runs_clean
 from vsr2.config import import_ros2, load_study
-
-SCRIPT = Path(__file__).parents[1] / "fuzz" / "fuzz_readers.py"
 
 BROKEN = """
 import sys, time
@@ -48,11 +46,7 @@ def test_a_broken_reader_is_found_and_its_file_kept(tmp_path, body, words):
 
 
 def test_the_readers_of_this_room_run_clean(tmp_path):
-    options = ["--reader", "config", "--reader", "ros2", "--engine", "seeded", "--seconds", "2"]
-    done = run([str(SCRIPT), *options, "--findings", str(tmp_path / "findings")])
-    assert done.returncode == 0, done.stdout
-    assert done.stdout.count("nothing found") == 2
-    assert not (tmp_path / "findings").exists()
+    assert_runs_clean(["config", "ros2"], tmp_path)
 
 
 def test_the_corpus_is_sound_so_that_mutations_get_past_the_first_check(tmp_path):

@@ -1,28 +1,20 @@
 """The fuzz command over results, hazard curves and studies: it runs clean, its files are sound."""
 
 import shutil
-import subprocess
 import sys
-from pathlib import Path
 
 import pytest
 
+from fuzz_command import SCRIPT, assert_runs_clean
 from vsr2.hazard import read_hazard_curve
 
-SCRIPT = Path(__file__).parents[1] / "fuzz" / "fuzz_readers.py"
 sys.path.insert(0, str(SCRIPT.parent))
-import fuzz_results as fuzz  # noqa: E402
+import fuzz_results as fuzz
 
 
 @pytest.mark.parametrize("reader", fuzz.READ)
 def test_the_reader_runs_clean(reader, tmp_path) -> None:
-    options = ["--reader", reader, "--engine", "seeded", "--seconds", "2"]
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), *options, "--findings", str(tmp_path / "findings")],
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout
-    assert "nothing found" in done.stdout
+    assert_runs_clean([reader], tmp_path)
 
 
 @pytest.mark.parametrize("reader", fuzz.READ)

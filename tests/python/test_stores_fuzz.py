@@ -2,19 +2,17 @@
 
 import io
 import json
-import subprocess
 import sys
 import zipfile
-from pathlib import Path
 
 import numpy as np
 import pytest
 
+from fuzz_command import SCRIPT, assert_runs_clean
 from vsr2.errors import ResultError
 
-SCRIPT = Path(__file__).parents[1] / "fuzz" / "fuzz_readers.py"
 sys.path.insert(0, str(SCRIPT.parent))
-import fuzz_stores as fuzz  # noqa: E402
+import fuzz_stores as fuzz
 
 
 @pytest.fixture(scope="module")
@@ -23,13 +21,7 @@ def seeds() -> dict[str, bytes]:
 
 
 def test_stores_run_clean(tmp_path) -> None:
-    options = ["--reader", "store", "--engine", "seeded", "--seconds", "4"]
-    done = subprocess.run(
-        [sys.executable, str(SCRIPT), *options, "--findings", str(tmp_path / "findings")],
-        capture_output=True, text=True, timeout=300, check=False,
-    )  # fmt: skip
-    assert done.returncode == 0, done.stdout
-    assert "nothing found" in done.stdout
+    assert_runs_clean(["store"], tmp_path, seconds=4)
 
 
 @pytest.mark.parametrize("suffix", fuzz.READ)
