@@ -41,9 +41,8 @@ def nearest(word: str, choices: Iterable[str]) -> str | None:
     """The choice that `word` most likely means; camelCase (as in ROS 2 files) is understood."""
     plain = {choice.replace("_", "").lower(): choice for choice in choices}
     word = word[: NEAR.longest].replace("_", "").lower()
-    # What a series is named by is no name of its largest value.
-    near = near_words(_LARGEST.sub("peak", word), [name for name in plain if name[:4] == "peak"])
-    near = near or near_words(word, plain)
+    # `max_tilt_rad` is nearer to `tilt_rad`, a series, than to the largest tilt that it means.
+    near = near_words(_LARGEST.sub("peak", word), plain) or near_words(word, plain)
     # A shorter word says less by its share of equal letters; its start and end say more.
     near = near or [name for name in plain if len(word) > 2 and name.startswith(word)]
     near = near or [

@@ -216,6 +216,11 @@ def test_a_table_that_is_none_is_named(folder, content, words):
         ),
         (
             "specimens:",
+            "noise: {til_trad: 0.001}\nspecimens:",
+            "noise.til_trad: is no key here; did you mean `tilt_rad`?",
+        ),
+        (
+            "specimens:",
             "noise: {tilt_rad: -1}\nspecimens:",
             "noise.tilt_rad: must be at least 0 (is -1)",
         ),
