@@ -80,17 +80,11 @@ def specimen() -> Setup:
 SETUPS = {"block": block, "SP1": specimen}
 
 
-def shaken(setup: Setup, planted: Effects, repeat: int = 1) -> Campaign:
-    """The campaign as a laboratory would hand it over, with what is planted.
-
-    Args:
-        setup: of the campaign.
-        planted: what acts.
-        repeat: of its nuisances.
-    """
+def shaken(setup: Setup, planted: Effects) -> Campaign:
+    """The campaign as a laboratory would hand it over, with what is planted."""
     blank = setup.blank
     truth = SceneSimulator(blank, load_study(setup.scene), seed=10_001)
-    found = truth.run([Request(i, planted, repeat, 1) for i in range(len(blank))])
+    found = truth.run([Request(i, planted, 1, 1) for i in range(len(blank))])
     trials = tuple(
         replace(
             trial,

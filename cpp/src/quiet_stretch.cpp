@@ -137,7 +137,7 @@ Vector3d QuietStretches::velocity_change(std::int64_t k) const {
 
 std::int64_t QuietStretches::last(const World& world, std::optional<std::int64_t> held,
                                   std::int64_t k, std::int64_t end, std::int64_t& next) {
-  next = k + 1;
+  next = spec_.pitch ? end + 1 : k + 1;
   if (spec_.pitch || !world.foothold(foothold_)) return k;
   const std::int64_t found = ask(world, held, k, end, next);
   const auto longest = static_cast<std::int64_t>(kQuietStretch.still_window / dt_);

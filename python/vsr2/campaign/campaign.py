@@ -127,7 +127,8 @@ class Series:
 
     Attributes:
         time: increasing, shape (n,) [s]; 0 at the first sample of the trial's motion.
-        tilt: of the body's vertical at rest, shape (n,) [rad], negative by noise; None: not known.
+        tilt: angle between the body's vertical at rest and the vertical, shape (n,) [rad]; noise
+            may make it negative. None: not measured.
         position: shape (n, 3) [m], or None.
         orientation: quaternions x, y, z, w of norm 1, shape (n, 4), or None.
         yaw: turn about the vertical, shape (n,) [rad], or None; what `orientation` holds too.
@@ -173,8 +174,7 @@ class Series:
                 "has neither tilt nor position, orientation, yaw or slip; remove it, or add one",
                 key="series",
             )
-        orientation = found["orientation"]
-        if orientation is not None:
+        if (orientation := found["orientation"]) is not None:
             norm = np.linalg.norm(orientation, axis=1)
             bad = np.flatnonzero(np.abs(norm - 1) > NORM_TOLERANCE)
             if bad.size:

@@ -86,10 +86,14 @@ class Seen:
         )  # fmt: skip
 
     @property
+    def rank(self) -> Rows:
+        """Of each effect by its probability of acting, 0 for the greatest, shape (effects,)."""
+        return np.argsort(np.argsort(-self.acts, kind="stable"))
+
+    @property
     def leading(self) -> Array:
         """Probability that each effect acts alone, or leads another, shape (effects,)."""
-        place = np.argsort(np.argsort(-self.acts, kind="stable"))
-        leads = place[:, None] < place[None]
+        leads = self.rank[:, None] < self.rank[None]
         return np.asarray(self.alone + (self.beside * leads).sum(axis=1))
 
 
@@ -197,10 +201,10 @@ def refined(
     seen = Seen.of(probability, sets)
     leading = seen.leading
     alone, beside = np.array(seen.alone), np.array(seen.beside)
-    place = np.argsort(np.argsort(-seen.acts, kind="stable"))
+    rank = seen.rank
     led = np.flatnonzero(leading > SECOND_CAUSE.least)
     for lead in led:
-        below = place > place[lead]
+        below = rank > rank[lead]
         beside[lead, below] = beside[below, lead] = 0.0
         alone[lead] = 0.0
     for lead in led:
