@@ -80,11 +80,14 @@ def specimen() -> Setup:
 SETUPS = {"block": block, "SP1": specimen}
 
 
-def shaken(setup: Setup, planted: Effects) -> Campaign:
-    """The campaign as a laboratory would hand it over, with what is planted."""
+def shaken(setup: Setup, planted: Effects, draw: int = 1) -> Campaign:
+    """The campaign as a laboratory would hand it over, with what is planted.
+
+    `draw` is of the nuisances that the diagnosis does not know.
+    """
     blank = setup.blank
     truth = SceneSimulator(blank, load_study(setup.scene), seed=10_001)
-    found = truth.run([Request(i, planted, 1, 1) for i in range(len(blank))])
+    found = truth.run([Request(i, planted, draw, 1) for i in range(len(blank))])
     trials = tuple(
         replace(
             trial,
