@@ -118,11 +118,11 @@ def run_batch(
             journal = collection.journal(Path(checkpoint), plan_sha256(trials))
             collection.resume(stack.enter_context(journal))
         pending = collection.pending
-        waiting = [trials[i] for i in pending]
+        waiting = [trials[i] for i in pending.tolist()]
         bar = stack.enter_context(_bar(len(trials), len(pending), progress))
 
         def take(position: int, row: Mapping[str, Any], log: TrialLog | None) -> None:
-            collection.take(pending[position], row, log)
+            collection.take(int(pending[position]), row, log)
             bar.update()
 
         _log_begin(trials, len(pending))
@@ -138,7 +138,7 @@ def run_batch(
         "effects": _effects_given(trials),
         "constants": run_constants(),
     }
-    return BatchResult(collection.columns, tuple(collection.logs), provenance)
+    return collection.result(provenance)
 
 
 def run_trials(
@@ -238,7 +238,7 @@ class _Collection:
     ) -> None:
         self.columns = _empty_columns(trials)
         self.logs: list[TrialLog | None] = [None] * len(trials)
-        self.pending = list(range(len(trials)))
+        self.pending = np.arange(len(trials))
         self._trials = trials
         self._out = out or {}
         self._keep_logs = keep_logs
@@ -270,11 +270,14 @@ class _Collection:
         for i in np.flatnonzero(self._noted == _COMPLETE).tolist() if self._out else ():
             logged = "state" in self._out and self._trials[i].output.log_every > 0
             _copy_out(self._out, i, self.columns, load_trial_log(folder, i) if logged else None)
-        self.pending = np.flatnonzero(self._noted != _COMPLETE).tolist()
+        self.pending = np.flatnonzero(self._noted != _COMPLETE)
         remove_temporaries(folder)
         require_space(
             folder,
-            sum(2 * ROW_BYTES + log_bytes(self._trials[i], least=True) for i in self.pending),
+            sum(
+                2 * ROW_BYTES + log_bytes(self._trials[i], least=True)
+                for i in self.pending.tolist()
+            ),
         )
 
     def _fill(self, i: int, row: Mapping[str, Any]) -> None:
@@ -296,6 +299,12 @@ class _Collection:
             self._journal.record(i, row, mark)
         if self._on_trial is not None:
             self._on_trial(i, log)
+
+    def result(self, provenance: Mapping[str, Any]) -> BatchResult:
+        """All of it; nothing can be taken in afterwards."""
+        for column in self.columns.values():
+            column.setflags(write=False)  # So that the result needs no copy.
+        return BatchResult(self.columns, tuple(self.logs), provenance)
 
 
 def _kept(value: Any) -> Any:

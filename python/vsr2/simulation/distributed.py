@@ -211,30 +211,28 @@ def _held_of(client: distributed.Client) -> _Held:
     return _held.setdefault(client.id, _Held(client))
 
 
-def _chunks(trials: Sequence[Trial], threads: int) -> Iterable[list[int]]:
+def _chunks(trials: Sequence[Trial], threads: int) -> Iterable[range]:
     """Positions of trials that go together, for a cluster of so many threads."""
     most = min(CLUSTER.chunk_trials, -(-len(trials) // (CLUSTER.chunks_a_thread * max(1, threads))))
-    chunk: list[int] = []
-    steps, size = 0, 0.0
+    start, steps, size = 0, 0, 0.0
     for i, trial in enumerate(trials):
         own_steps = trial.motion.displacement.size + CLUSTER.steps_beside_motion
         own_size = log_bytes(trial)
-        full = len(chunk) >= most or steps + own_steps > CLUSTER.chunk_steps
-        if chunk and (full or size + own_size > CLUSTER.chunk_bytes):
-            yield chunk
-            chunk, steps, size = [], 0, 0.0
-        chunk.append(i)
+        full = i - start >= most or steps + own_steps > CLUSTER.chunk_steps
+        if i > start and (full or size + own_size > CLUSTER.chunk_bytes):
+            yield range(start, i)
+            start, steps, size = i, 0, 0.0
         steps += own_steps
         size += own_size
-    if chunk:
-        yield chunk
+    if len(trials) > start:
+        yield range(start, len(trials))
 
 
 @dataclass(eq=False)
 class _Flight:
     """A chunk under way; `alone`: nothing else is."""
 
-    positions: list[int]
+    positions: Sequence[int]
     key: str
     alone: bool
     future: Any = None
@@ -327,7 +325,7 @@ class _ClusterRun:
                 "is a checkpoint"
             ) from error
 
-    def _start(self, positions: list[int], *, alone: bool = False) -> None:
+    def _start(self, positions: Sequence[int], *, alone: bool = False) -> None:
         content, parts = pack([self._trials[i] for i in positions])
         flight = _Flight(positions, f"vsr2-trials-{self._name}-{self._started}", alone)
         self._started += 1
