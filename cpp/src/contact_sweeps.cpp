@@ -115,7 +115,6 @@ double sweep_numbers(ContactProblem& p, Pattern& pattern) {
 int solve(ContactProblem& problem, int sweeps, double threshold) {
   Pattern pattern;
   int single = 0;
-  int wait = 1;
   for (int left = sweeps; left > 0;) {
     const double residual = with_joint(
         problem.joint, [&](auto joint) { return sweep_numbers<joint>(problem, pattern); });
@@ -126,9 +125,7 @@ int solve(ContactProblem& problem, int sweeps, double threshold) {
       continue;
     }
     if (residual == 0.0) break;
-    if (left == 0 || --wait > 0) continue;
-    left -= jump(problem, pattern, left);
-    wait = 1;
+    if (left > 0) left -= jump(problem, pattern, left);
   }
   return single;
 }

@@ -2,8 +2,9 @@
 // One convex rock on the flat top of a moving support, with Bullet's contact model and order of
 // integration, without Bullet; private to the core.
 //
-// What is copied from Bullet 3.24 is the arithmetic of the model, not its bits: one step from the
-// same state differs by rounding. Frames: W, B as in scene.hpp; L the
+// What is copied from Bullet 3.24 is the arithmetic of the model, not its bits: swept contacts differ by
+// rounding after one step from the same state. With converged contacts those that stick are solved at
+// once, to where the sweeps lead, and a hull's contacts are vertices. Frames: W, B as in scene.hpp; L the
 // pedestal; P the support, origin at the centre of its box, z normal to the top.
 
 #include <array>
@@ -30,8 +31,8 @@ struct FastModel {
   Eigen::Vector3d box_half = Eigen::Vector3d::Zero();
   Eigen::Vector3d p_BC = Eigen::Vector3d::Zero();  ///< of the part [m]
   Eigen::Matrix3d R_BC = Eigen::Matrix3d::Identity();
-  /// Vertices this near the lowest are as low in Bullet's search for the closest points, which is
-  /// asked then [m].
+  /// Vertices this near the lowest are as low in Bullet's search for the closest points, which swept
+  /// contacts then ask [m].
   double same_height = 0.0;
   std::unique_ptr<btConvexHullShape> hull;
   std::unique_ptr<btBoxShape> support_box;

@@ -14,8 +14,6 @@
 namespace vsr2 {
 namespace {
 
-// Two passes: the greatest product of each block, then the first point that has it within the
-// first best block. No instruction here rounds other than Bullet's scalar loop does.
 std::size_t scan_portable(const PointView& points, const Eigen::Vector3d& direction) {
   double best = -std::numeric_limits<double>::infinity();
   std::size_t index = 0;
@@ -39,6 +37,8 @@ __attribute__((target("avx2"), always_inline)) inline __m256d products(const Poi
                        _mm256_mul_pd(_mm256_loadu_pd(points.z + i), vz));
 }
 
+// Two passes: the greatest product of each block, then the first point that has it within the first
+// best block. No instruction rounds other than those of the portable scan do.
 __attribute__((target("avx2"))) std::size_t scan_avx2(const PointView& points,
                                                       const Eigen::Vector3d& direction) {
   const __m256d vx = _mm256_set1_pd(direction.x());

@@ -120,7 +120,10 @@ bool Bearing::gains_contact(double lowest, const Vector3d& place) const {
 QuietStretches::QuietStretches(const TrialSpec& spec)
     : spec_(spec),
       dt_(spec.start->scene()->engine().time_step),
-      substeps_(spec.start->scene()->engine().substeps) {}
+      substeps_(spec.start->scene()->engine().substeps) {
+  const Scene& scene = *spec.start->scene();
+  if (scene.engine().skip_quiet) foothold_.low.reserve(scene.rock_hull_vertices().size());
+}
 
 // Of the pedestal, in the time step that leads to a set-point [m/s].
 Vector3d QuietStretches::velocity_change(std::int64_t k) const {
@@ -135,35 +138,31 @@ Vector3d QuietStretches::velocity_change(std::int64_t k) const {
           spec_.vertical ? of(*spec_.vertical) : 0.0};
 }
 
-std::int64_t QuietStretches::last(const World& world, std::optional<std::int64_t> held,
-                                  std::int64_t k, std::int64_t end, std::int64_t& next) {
-  next = spec_.pitch ? end + 1 : k + 1;
-  if (spec_.pitch || !world.foothold(foothold_)) return k;
-  const std::int64_t found = ask(world, held, k, end, next);
+QuietStretch QuietStretches::from(const World& world, std::optional<std::int64_t> held, std::int64_t k,
+                                  std::int64_t end) {
+  if (spec_.pitch) return {k, end + 1};
+  if (!world.foothold(foothold_)) return {k, k + 1};
+  QuietStretch found = predict(world, held, k, end);
   const auto longest = static_cast<std::int64_t>(kQuietStretch.still_window / dt_);
-  wait_ = found > k ? 1 : std::clamp<std::int64_t>(2 * wait_, 1, longest);
-  next = std::max(next, found + wait_);
+  wait_ = found.last > k ? 1 : std::clamp<std::int64_t>(2 * wait_, 1, longest);
+  found.ask_from = std::max(found.ask_from, found.last + wait_);
   return found;
 }
 
-std::int64_t QuietStretches::ask(const World& world, std::optional<std::int64_t> held,
-                                 std::int64_t k, std::int64_t end, std::int64_t& next) {
+QuietStretch QuietStretches::predict(const World& world, std::optional<std::int64_t> held,
+                                     std::int64_t k, std::int64_t end) {
   const EngineSettings& engine = spec_.start->scene()->engine();
   Bearing bearing(foothold_, engine.gravity, dt_ / substeps_, substeps_);
-  if (!bearing.stands()) return k;
+  if (!bearing.stands()) return {k, k + 1};
   const auto faded = static_cast<std::int64_t>(std::ceil(kQuietStretch.faded * bearing.memory() / dt_));
-  if (held && *held < faded) {
-    next = k + faded - *held;
-    return k;
-  }
+  if (held && *held < faded) return {k, k + faded - *held};
   world.add_low_vertices(foothold_);
   // What the rock still answers to; its contacts have held.
   if (held)
     for (std::int64_t i = k - faded + 1; i <= k; ++i) bearing.advance(velocity_change(i));
   std::int64_t i = k + 1;
   while (i <= end && bearing.advance(velocity_change(i))) ++i;
-  next = i + 1;
-  return i > end ? end : std::max(k, i - 1 - faded);
+  return {i > end ? end : std::max(k, i - 1 - faded), i + 1};
 }
 
 }  // namespace vsr2

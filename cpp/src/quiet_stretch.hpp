@@ -80,28 +80,32 @@ class Bearing {
   Eigen::Vector2d lateral_;            ///< impulse at rest, along the top [N s]
 };
 
+/// What is known of a rock at rest.
+struct QuietStretch {
+  std::int64_t last;      ///< set-point up to which it is still; that of now where it has to be stepped
+  std::int64_t ask_from;  ///< first set-point from which to ask again
+};
+
 /// The set-points of a trial, and between which of them a rock at rest need not be stepped.
 class QuietStretches {
  public:
   /// @param spec outlives this.
   explicit QuietStretches(const TrialSpec& spec);
 
-  /// The last set-point up to which the rock of `world` is still as it is at set-point `k`, contacts
-  /// without memory of what was before; at most `end`. `k` itself where it has to be stepped from there.
-  /// `held`: time steps since one of its contacts opened, closed or slid; none where the rock is slow
-  /// instead. `next` becomes the first set-point from which to ask again: where asking was in vain, after
-  /// twice the time of before.
-  std::int64_t last(const World& world, std::optional<std::int64_t> held, std::int64_t k,
-                    std::int64_t end, std::int64_t& next);
+  /// For how long the rock of `world` is still as it is at set-point `k`, contacts without memory of what
+  /// was before, at most to `end`. `held`: time steps since one of its contacts opened, closed or slid;
+  /// none where the rock is slow instead. Where asking was in vain it waits twice as long as before.
+  QuietStretch from(const World& world, std::optional<std::int64_t> held, std::int64_t k,
+                    std::int64_t end);
 
  private:
   Eigen::Vector3d velocity_change(std::int64_t k) const;
-  std::int64_t ask(const World& world, std::optional<std::int64_t> held, std::int64_t k,
-                   std::int64_t end, std::int64_t& next);
+  QuietStretch predict(const World& world, std::optional<std::int64_t> held, std::int64_t k,
+                       std::int64_t end);
 
   const TrialSpec& spec_;
   Foothold foothold_;  ///< kept for its memory
-  std::int64_t wait_ = 1;
+  std::int64_t wait_ = 1;  ///< before asking again [steps]
   double dt_;
   int substeps_;
 };

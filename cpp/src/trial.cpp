@@ -166,9 +166,10 @@ class Trial {
       held = world_.steps_held();
       if (*held < still_.window_steps()) return;
     }
-    const std::int64_t last = quiet_.last(world_.world(), held, shaken_, size_, ask_from_);
-    rests_to_end_ = last == size_;
-    rest_until(std::min(last, size_ - 1));
+    const QuietStretch quiet = quiet_.from(world_.world(), held, shaken_, size_);
+    ask_from_ = quiet.ask_from;
+    rests_to_end_ = quiet.last == size_;
+    rest_until(std::min(quiet.last, size_ - 1));
   }
 
   void rest_until(std::int64_t k) {
@@ -298,7 +299,7 @@ class Trial {
   bool skips_;  ///< quiet stretches; logs of contacts need every step
   QuietStretches quiet_;
   RestClock still_;
-  std::int64_t ask_from_ = 0;  ///< first step from which quiet_ may give more
+  std::int64_t ask_from_ = 0;  ///< set-point
   bool rests_to_end_ = false;
   std::vector<ContactPoint> contacts_;
   Pose settled_;  ///< on the pedestal

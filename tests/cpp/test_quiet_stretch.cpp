@@ -7,6 +7,7 @@
 
 #include <gtest/gtest.h>
 
+#include "allocation_count.hpp"
 #include "quiet_stretch.hpp"
 #include "scenes.hpp"
 #include "trial_world.hpp"
@@ -94,7 +95,6 @@ TEST(Bearing, NeedsAnAreaUnderTheMassCentre) {
   EXPECT_FALSE(bears(foothold, {1e-3, 0, 0}) && bears(foothold, {-1e-3, 0, 0}));
 }
 
-// Corners that rounding has moved bear as much.
 // A vertex beyond the block's edge at b is as low as that edge where the slow tilt m a h / (4 k b^2) is
 // its offset over its distance from the edge.
 TEST(Bearing, IsOverWhereAnotherVertexIsAsLow) {
@@ -112,6 +112,7 @@ TEST(Bearing, IsOverWhereAnotherVertexIsAsLow) {
   }
 }
 
+// Corners that rounding has moved bear as much.
 TEST(Bearing, DoesNotDependOnRounding) {
   std::mt19937 random(1);
   std::uniform_real_distribution<double> rounding(-1e-15, 1e-15);
@@ -351,26 +352,28 @@ TEST_F(QuietTrial, TakesAllStepsWithALogOfContactsOrPitch) {
   EXPECT_GT(run_trial(pitch, kRunOn).steps, every);
 }
 
+// A block on three vertices, with a fourth by `gap` [m] over their plane, on soft contacts.
+std::shared_ptr<const Scene> tripod(double gap) {
+  RockSpec rock;
+  std::vector<Eigen::Vector3d> points{{-0.2, -0.25, -0.5}, {0.25, -0.15, -0.5}, {0.02, 0.3, -0.5}, {-0.25, 0.25, gap - 0.5}};
+  for (double x : {-0.2, 0.2})
+    for (double y : {-0.3, 0.3}) points.emplace_back(x, y, 0.5);
+  rock.parts = {HullPart(points)};
+  rock.mass = 600.0;
+  rock.principal_inertia = {68.0, 58.0, 26.0};
+  rock.material = testing::material({{"stiffness", 1e7}, {"damping", 3e4}});
+  PedestalSpec pedestal;
+  pedestal.material = rock.material;
+  pedestal.parts = {BoxPart{{10, 10, 0.5}, {}}};
+  EngineSettings engine;
+  engine.kind = EngineKind::fast;
+  engine.skip_quiet = true;
+  return std::make_shared<Scene>(engine, pedestal, rock);
+}
+
 // Where a fourth vertex lies little over the plane of three, a rock on soft contacts leans on it under a
 // tremor. Bullet's hull has its points on a grid of a tenth of a millimetre.
 TEST(QuietHull, StepsWhereARockMayLeanOnAFourthVertex) {
-  const auto tripod = [](double gap) {
-    RockSpec rock;
-    std::vector<Eigen::Vector3d> points{{-0.2, -0.25, -0.5}, {0.25, -0.15, -0.5}, {0.02, 0.3, -0.5}, {-0.25, 0.25, gap - 0.5}};
-    for (double x : {-0.2, 0.2})
-      for (double y : {-0.3, 0.3}) points.emplace_back(x, y, 0.5);
-    rock.parts = {HullPart(points)};
-    rock.mass = 600.0;
-    rock.principal_inertia = {68.0, 58.0, 26.0};
-    rock.material = testing::material({{"stiffness", 1e7}, {"damping", 3e4}});
-    PedestalSpec pedestal;
-    pedestal.material = rock.material;
-    pedestal.parts = {BoxPart{{10, 10, 0.5}, {}}};
-    EngineSettings engine;
-    engine.kind = EngineKind::fast;
-    engine.skip_quiet = true;
-    return std::make_shared<Scene>(engine, pedestal, rock);
-  };
   std::int64_t steps[2];
   for (const bool is_near : {false, true}) {
     const double gap = is_near ? 1e-4 : 1e-2;
@@ -390,6 +393,23 @@ TEST(QuietHull, StepsWhereARockMayLeanOnAFourthVertex) {
     steps[is_near] = result.steps;
   }
   EXPECT_GT(steps[1], steps[0] + 100);
+}
+
+TEST(QuietHull, RunsATrialWithoutAllocating) {
+  test::count_bullet_allocations();
+  const auto scene = tripod(1e-4);
+  long allocations[2];
+  for (const bool longer : {false, true}) {
+    std::vector<double> x(1000, 0.0);
+    for (int i = 0; i < (longer ? 8 : 1); ++i)
+      for (double value : testing::cosine(0.004, 2.0)) x.push_back(value);
+    const TrialSpec spec = testing::trial_of(scene, testing::standing(0.54), x);
+    const long before = test::allocation_count();
+    const TrialResult result = run_trial(spec, kRunOn);
+    allocations[longer] = test::allocation_count() - before;
+    EXPECT_LT(result.steps, static_cast<std::int64_t>(x.size()));
+  }
+  EXPECT_EQ(allocations[0], allocations[1]);
 }
 
 // Trials that share a start go on with copies of one world, whatever ran before them.

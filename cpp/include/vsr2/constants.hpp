@@ -38,7 +38,7 @@ struct QuietStretchConstants {
   double still_window = 0.25;
   /// Deflections are taken for gone after so many times the memory of the contacts [1], e^-10 of them
   /// being left. After five times a block began to rock with velocities off by 1e-8 m/s, and 3 % of
-  /// borderline outcomes differed; after ten 1 % do (studies/quiet_stretches.py).
+  /// borderline outcomes differed; after ten 1.4 % do (studies/quiet_stretches.py).
   double faded = 10.0;
   /// Factor of what the motion adds to rest, for what the model of small deflections leaves out [1].
   /// Chosen by hand.

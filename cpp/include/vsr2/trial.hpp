@@ -211,8 +211,8 @@ double tilt_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB
 double yaw_from(const Eigen::Quaterniond& q_WB0, const Eigen::Quaterniond& q_WB);
 
 /// Tilt, turn, slip, fall and rest count relative to the moving pedestal.
-/// Runs one trial in a freshly built world. Never throws for what happens in the trial: see status.
-/// `cancel` is looked at every few steps.
+/// Runs one trial from its settled start. Never throws for what happens in the trial: see status.
+/// `cancel` is looked at in every step that is taken.
 TrialResult run_trial(const TrialSpec& spec, const std::atomic<bool>& cancel);
 
 }  // namespace vsr2
