@@ -34,7 +34,8 @@ FREE, STICK, SLIDE = range(3)
 COMMON, STUCK = 3200, 970
 """Instructions of a step without its solve, and of solving sticking contacts at once."""
 SWEPT = 9800
-"""Of sweeps: the 0.98 us by which a swept step takes longer, at 10 instructions a nanosecond."""
+"""Of sweeps: the 0.98 us by which a swept step takes longer, at 10 instructions a nanosecond
+(docs/results/engine_speed_SP1.csv)."""
 LANES = (4, 8)
 IN_FLIGHT = 64
 SLIDING = 0.999
@@ -44,17 +45,17 @@ Kinds = NDArray[np.int8]
 
 
 def kinds_of(trial: Trial) -> Kinds:
-    """The kind of each step of a trial."""
+    """The kind of each step of a trial, without its settling."""
     output = trial.output.model_copy(update={"contacts_every": 1, "log_every": 1})
     result = run_batch([replace(trial, output=output)], threads=1)
     log, scene = result.logs[0], trial.scene
-    steps = int(result["steps"][0])
+    if log is None:
+        raise SystemExit(f"{trial.label} has no log: {result['message'][0]}")
+    steps = int((log.time > 0).sum())
     kinds = np.full(steps, FREE, np.int8)
-    if log is None or not len(log.contacts):
-        return kinds
     column = {name: i for i, name in enumerate(CONTACT_COLUMNS)}
     rows = log.contacts
-    at = np.rint(rows[:, column["time"]] / scene.engine.time_step).astype(int)
+    at = np.rint(rows[:, column["time"]] / scene.engine.time_step).astype(int) - 1
     contact = scene.contact
     friction = contact.rock.lateral_friction * contact.pedestal.lateral_friction
     normal = rows[:, column["normal_impulse"]]

@@ -5,8 +5,7 @@
 The block of configs/blind.yaml, shaken as in diagnosis_budget.py, has one effect planted at a time,
 each under several draws of nuisances that the diagnosis does not know. What a diagnosis at tier M
 names is put into the scene, and the campaign is diagnosed again (:func:`vsr2.diagnosis.iterate`,
-two rounds). Writes `table.csv`, one row a campaign, as committed in docs/results/rediagnosis.csv; a
-run goes on where the last one stopped.
+two rounds). Writes `table.csv`, one row a campaign; a run goes on where the last one stopped.
 """
 
 from __future__ import annotations
