@@ -5,13 +5,8 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from vsr2.posterior.goodness_of_fit import (
-    LIBRARY_FIT,
-    LibraryFit,
-    fit_probability,
-    misfit,
-    misfits_by,
-)
+from vsr2.posterior.goodness_of_fit import LibraryFit, misfit, misfits_by, tail_probability
+from vsr2.posterior.naming import NAMING
 from vsr2.posterior.summaries import SUMMARY, Standard, Standards
 
 TRIALS = 60
@@ -40,9 +35,9 @@ def simulated(seed, count=400, chance=CHANCE):
 
 def test_a_tail_probability_counts_the_observed_campaign() -> None:
     known = np.array([1.0, 2.0, 3.0, 4.0])
-    found = fit_probability(np.array([0.5, 2.0, 2.5, 9.0]), known)
+    found = tail_probability(np.array([0.5, 2.0, 2.5, 9.0]), known)
     assert found.tolist() == [1.0, 0.8, 0.6, 0.2]
-    assert fit_probability(np.array(9.0), np.zeros(0)) == 1.0
+    assert tail_probability(np.array(9.0), np.zeros(0)) == 1.0
 
 
 def test_the_discrepancy_is_a_mean_square() -> None:
@@ -79,7 +74,7 @@ def test_new_campaigns_without_effect_seldom_misfit_and_others_do() -> None:
     def shares(chance):
         made = outcomes(400, rng, chance)
         sizes = misfit(standard.residuals(made, blank(made)))
-        p = fit_probability(sizes, known)
+        p = tail_probability(sizes, known)
         return (p < 0.01).mean(), p.mean()
 
     rejected, mean = shares(CHANCE)
@@ -89,17 +84,44 @@ def test_new_campaigns_without_effect_seldom_misfit_and_others_do() -> None:
     assert shares(1 - CHANCE)[0] == 1.0
 
 
-def test_what_is_left_is_compared_among_campaigns_of_like_misfit() -> None:
-    """Large effects leave a smaller share: what is common among small ones is rare among them."""
+def campaigns(rng, count):
+    """What is left falls with the size, by one of two effects more slowly and with more chance."""
+    size = rng.uniform(-1.0, 2.0, count)
+    acts = np.zeros((count, 3))
+    acts[np.arange(count), rng.integers(0, 2, count)] = 1.0
+    left = np.where(acts[:, 0] > 0, -size, -0.2 * size)
+    return size, left + np.exp(-0.4 * size) * 0.2 * rng.standard_normal(count), acts
+
+
+def test_what_is_left_is_compared_with_what_is_expected() -> None:
     rng = np.random.default_rng(3)
-    size = rng.uniform(-1.0, 2.0, 4000)
-    fit = LibraryFit.of(size, -size + 0.2 * rng.standard_normal(4000))
-    new = rng.uniform(-1.0, 2.0, 1000)
-    tails = np.array([fit.probability(s, -s + 0.2 * rng.standard_normal()) for s in new])
-    # Uniform, but for the slope within the like ones: 0.3 wide, half a deviation to either side.
-    assert 0.002 <= (tails < 0.01).mean() <= 0.03
-    assert tails.mean() == pytest.approx(0.5, abs=0.05)
-    assert fit.probability(2.0, 0.0) < 0.01
-    assert fit.probability(0.0, 0.0) > 0.2
-    count = max(LIBRARY_FIT.fewest, int(LIBRARY_FIT.like * 4000))
-    assert fit.probability(5.0, 0.0) == pytest.approx(1 / (1 + count))
+    fit = LibraryFit.of(*campaigns(rng, 4000))
+    tails = fit.probability(*campaigns(rng, 4000))
+    # Of 4,000 at 1 %: a standard error of 0.0016, and as much from the known ones.
+    assert (tails < 0.01).mean() == pytest.approx(0.01, abs=0.007)
+    assert tails.mean() == pytest.approx(0.5, abs=0.02)
+    # What is common under one effect is rare under the other.
+    of_one, of_other = np.eye(3)[:2]
+    size, left = np.array([2.0]), np.array([-0.4])
+    assert fit.probability(size, left, of_other[None])[0] > 0.1
+    assert fit.probability(size, left, of_one[None])[0] == pytest.approx(1 / 4001)
+    # Chance is smaller among large campaigns.
+    for place, exceeds in ((-1.0, False), (2.0, True)):
+        tail = fit.probability(np.array([place]), np.array([-place + 0.35]), of_one[None])[0]
+        assert (tail < NAMING.least_fit) == exceeds
+    # Beyond all sizes the largest one counts.
+    assert fit.probability(size + 3, left, of_other[None]) == fit.probability(
+        size, left, of_other[None]
+    )
+
+
+def test_a_campaign_is_not_expected_by_itself() -> None:
+    """One row that no other resembles has as large an error as it would have as a new one."""
+    rng = np.random.default_rng(4)
+    size, left, acts = campaigns(rng, 300)
+    acts[:, 2] = 0.0
+    acts[0], left[0] = (0.0, 0.0, 1.0), 9.0
+    others = LibraryFit.of(size[1:], left[1:], acts[1:])
+    alone = others.probability(size[:1], left[:1], acts[:1])[0]
+    assert alone == pytest.approx(1 / 300)
+    assert LibraryFit.of(size, left, acts).errors[-1] > 5 * others.errors[-1]

@@ -19,6 +19,7 @@ from vsr2.posterior.calibration import (
     CALIBRATED,
     _set_level,
     calibrate,
+    held_out_findings,
     label_probability,
     label_set,
     pooled,
@@ -116,9 +117,15 @@ class Tabled:
         return self.log[:, rows]
 
 
+def levels_of(logs, fits=(FITTING, FITTING)):
+    judged = held_out_findings(Tabled(logs, MANY), MANY)
+    own, of_library = (one[judged.row] for one in fits)
+    return calibrate(judged, MANY, (own, of_library))
+
+
 @pytest.mark.parametrize("sharpness", [1.0, 2.5])
 def test_the_temperature_undoes_a_claim(sharpness) -> None:
-    levels = calibrate(Tabled(exact_logs(MANY, sharpness, 1), MANY), MANY, (FITTING, FITTING))
+    levels = levels_of(exact_logs(MANY, sharpness, 1))
     assert levels.temperature == pytest.approx(sharpness, rel=0.1)
 
 
@@ -127,14 +134,14 @@ def test_the_mean_of_networks_is_calibrated_and_not_each_of_them() -> None:
     exact = exact_logs(MANY, 1.0, 5)
     rng = np.random.default_rng(6)
     eight = tuple(one + 2.5 * rng.standard_normal((8, *one.shape[1:])) for one in exact)
-    assert calibrate(Tabled(eight, MANY), MANY, (FITTING, FITTING)).temperature < 0.95
+    assert levels_of(eight).temperature < 0.95
     first_alone = tuple(one[:1] for one in eight)
-    assert calibrate(Tabled(first_alone, MANY), MANY, (FITTING, FITTING)).temperature > 1.2
+    assert levels_of(first_alone).temperature > 1.2
 
 
 def test_limits_name_the_most_causes_rightly_while_names_are_wrong_as_seldom_as_they_must() -> None:
     logs = exact_logs(MANY, 1.0, 2)
-    levels = calibrate(Tabled(logs, MANY), MANY, (FITTING, FITTING))
+    levels = levels_of(logs)
     acting = MANY.acting.any(axis=1)
     p = pooled(np.concatenate([logs[0], logs[1][:, acting]], axis=1), levels.temperature)
     outside = MANY.weight[acting] * PRIOR.outside / (1 - PRIOR.outside)
@@ -188,13 +195,13 @@ def test_levels_are_set_on_verdicts_that_see_the_fit() -> None:
     logs = exact_logs(MANY, 1.0, 2)
     misfitting = np.where(MANY.acting.any(axis=1), 1e-3, 1.0)
     free, held = (
-        calibrate(Tabled(logs, MANY), MANY, (FITTING, FITTING)),
-        calibrate(Tabled(logs, MANY), MANY, (misfitting, FITTING)),
+        levels_of(logs),
+        levels_of(logs, (misfitting, FITTING)),
     )
     assert held.none_limit == free.none_limit
     assert held.wrong <= CALIBRATED.wrong
     assert (held.named, held.least_name) != (free.named, free.least_name)
-    unexplained = calibrate(Tabled(logs, MANY), MANY, (FITTING, misfitting))
+    unexplained = levels_of(logs, (FITTING, misfitting))
     # All that acts is left unexplained, so only a false alarm can be named.
     assert unexplained.named <= CALIBRATED.false_alarms * PRIOR.none
     assert unexplained.detection_rate > free.detection_rate

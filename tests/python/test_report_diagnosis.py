@@ -187,7 +187,7 @@ def test_the_schema_refuses(part, change) -> None:
         ({"kind": "unknown", "names": [], "probability": 0.6}, "the library explains it (60 %)."),
         (
             {"kind": "unknown", "names": [], "code": "unexplained", "library_fit": 0.004},
-            "explains it (0.4 % of simulated campaigns of like misfit leave as much over).",
+            "explains it (0.4 % of simulated campaigns leave as much more over than expected).",
         ),
         ({"kind": "none", "names": []}, "but residuals stand out: low PGA (family-wise p 0.004)"),
         (

@@ -150,47 +150,81 @@ def _judged(truth: Truth) -> tuple[NDArray[np.int64], Array]:
     )
 
 
-def calibrate(
+@dataclass(frozen=True, eq=False)
+class HeldOutFindings:
+    """What is made of all campaigns by all effects, then of those in which some act, without them.
+
+    Attributes:
+        temperature: by which log probabilities were divided.
+        row: index of each campaign, shape (judged,).
+        found: what could be named.
+        labels: probability of none, of every effect that leads and of outside, shape (judged,
+            effects + 2).
+        acts: that each effect acts, and outside, shape (judged, effects + 1).
+    """
+
+    temperature: float
+    row: NDArray[np.int64]
+    found: list[Candidates]
+    labels: Array
+    acts: Array
+
+
+def held_out_findings(
     held_out: HeldOut,
     truth: Truth,
-    fits: tuple[Array, Array],
     temperature: float | None = None,
     refine: Refine = lambda _, probability: probability,
-) -> Levels:
-    """Temperature, and the limits of the rule, from campaigns that no network saw.
+) -> HeldOutFindings:
+    """What is made of campaigns that no network saw.
 
     Args:
         held_out: all campaigns by all effects, then those in which some act, without their own.
         truth: of all campaigns.
-        fits: tail probability of each among campaigns without effect, and of what the library
-            leaves unexplained, each shape (n,).
         temperature: by which log probabilities are divided; None: the best.
         refine: what is made of the probability of every set.
     """
     if temperature is None:
         temperature = best_temperature(held_out, truth)
+    sets = truth.sets
+    row = np.concatenate([np.arange(len(truth.index)), np.flatnonzero(truth.acting.any(axis=1))])
+    out = HeldOutFindings(
+        temperature, row, [], np.zeros((row.size, len(sets.names) + 2)),
+        np.zeros((row.size, len(sets.names) + 1)),
+    )  # fmt: skip
+    for rows in blocks(row.size, len(sets)):
+        probability = refine(rows, pooled(held_out.log_probability(rows), temperature))
+        out.found.extend(candidates(p, sets, truth.alike) for p in probability)
+        out.labels[rows] = label_probability(probability, sets)
+        out.acts[rows] = acting_probability(probability, sets)
+    return out
+
+
+def calibrate(judged: HeldOutFindings, truth: Truth, fits: tuple[Array, Array]) -> Levels:
+    """The limits of the rule, from campaigns that no network saw.
+
+    Args:
+        judged: what is made of them.
+        truth: of all campaigns.
+        fits: tail probability of each judged campaign among those without effect, and of what the
+            library leaves unexplained, each shape (judged,).
+    """
     acting = truth.acting.any(axis=1)
     index, weight = _judged(truth)
-    found: list[Candidates] = []
-    labels = np.zeros((index.size, len(truth.sets.names) + 2))
-    for rows in blocks(index.size, len(truth.sets)):
-        probability = refine(rows, pooled(held_out.log_probability(rows), temperature))
-        found += [candidates(p, truth.sets, truth.alike) for p in probability]
-        labels[rows] = label_probability(probability, truth.sets)
+    found, labels = judged.found, judged.labels
     plain = labels[: len(truth.index)][~acting, 0]
     none_limit = float(np.quantile(plain, CALIBRATED.false_alarms)) if plain.size else 0.5
-    tails = [np.concatenate([one, one[acting]]) for one in fits]
     owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(
         acting.sum()
     )
-    chosen, wrong, named = _naming_limits(found, owners, weight, tails, truth.alike, none_limit)
+    chosen, wrong, named = _naming_limits(found, owners, weight, fits, truth.alike, none_limit)
     said = [
         decide(f, chosen, truth.alike, fit=float(own), library_fit=float(of_library))
-        for f, own, of_library in zip(found, *tails, strict=True)
+        for f, own, of_library in zip(found, *fits, strict=True)
     ]
     unknown = [s.kind is VerdictKind.UNKNOWN for s in said[len(truth.index) :]]
     return Levels(
-        temperature=temperature,
+        temperature=judged.temperature,
         none_limit=none_limit,
         least_name=chosen.one,
         least_together=chosen.together,
@@ -254,6 +288,11 @@ def _naming_limits(
                 limits = NamingLimits(none_limit, one, together)
                 best, chosen = own, (limits, share, float(named / weight.sum()))
     return chosen
+
+
+def acting_probability(probability: Array, sets: Sets) -> Array:
+    """That each effect acts, and a cause outside, shape (n, effects + 1)."""
+    return np.concatenate([sets.marginal(probability), probability[:, -1:]], axis=1)
 
 
 def label_probability(probability: Array, sets: Sets) -> Array:

@@ -34,7 +34,7 @@ from vsr2.posterior.truth import PRIOR
 from vsr2.results.atomic import write_atomic
 
 POSTERIORS = "posterior-*.npz"
-FORMAT = 12
+FORMAT = 13
 """Of the file, and of features and their noise: a posterior of another form is trained again."""
 
 
@@ -89,8 +89,6 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
         "scale": posterior.scale,
         "gap_free": posterior.gap_free,
         "misfits": posterior.misfits,
-        "library_fit_size": posterior.library_fit.size,
-        "library_fit_unexplained": posterior.library_fit.unexplained,
         "residuals": posterior.parameters.residuals,
     }
     for k, network in enumerate(posterior.networks):
@@ -98,6 +96,10 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
             arrays[f"weight {k} {layer}"], arrays[f"bias {k} {layer}"] = weight, bias
     for k, curves in enumerate(posterior.curves):
         arrays |= {f"curves {k} {one.name}": getattr(curves, one.name) for one in fields(Curves)}
+    library_fit = posterior.library_fit
+    arrays |= {
+        f"library_fit_{one.name}": getattr(library_fit, one.name) for one in fields(LibraryFit)
+    }
     for name in posterior.parameters.rows:
         arrays[f"rows {name}"] = posterior.parameters.rows[name]
         arrays[f"values {name}"] = posterior.parameters.values[name]
@@ -181,6 +183,7 @@ def _checked(
     )
     # Discriminants, two sizes of residuals and a mean for each channel: see `Summaries.complete`.
     count = arrays.size("targets") + 3 * channels
+    coefficients = LibraryFit.coefficients(len(library))
     return Posterior(
         sets=sets,
         standard=standard,
@@ -198,8 +201,10 @@ def _checked(
         gap_free=arrays.numbers("gap_free", "plain", columns).astype(np.float32, copy=False),
         misfits=arrays.numbers("misfits", "misfits"),
         library_fit=LibraryFit(
-            arrays.numbers("library_fit_size", "fits"),
-            arrays.numbers("library_fit_unexplained", "fits"),
+            arrays.numbers("library_fit_sizes", 2),
+            arrays.numbers("library_fit_expected", coefficients),
+            arrays.numbers("library_fit_spread", 3),
+            arrays.numbers("library_fit_errors", "fits"),
         ),
         campaigns=_count(about, "campaigns"),
     )

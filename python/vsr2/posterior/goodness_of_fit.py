@@ -7,8 +7,11 @@ Stat. Soc. A 143, 1980):
 
 - against those without effect by its misfit, the mean square of standardised outcomes and features;
 - against all, with effects and without, by the share of its misfit that the discriminants of the
-  library do not reproduce. Large effects leave a smaller share than small ones, so it is compared
-  among campaigns of like misfit.
+  library do not reproduce. Some effects leave a larger share than others, and small ones a larger
+  one than large ones. So what is left is compared with what is expected of a campaign of this
+  misfit and of this posterior of what acts, as in a posterior predictive check (A. Gelman, X.-L.
+  Meng and H. Stern, "Posterior predictive assessment of model fitness via realized discrepancies",
+  Statistica Sinica 6, 1996).
 """
 
 from __future__ import annotations
@@ -52,16 +55,16 @@ def misfits_by(standards: Standards, copies: Copies, fold: NDArray[np.int64]) ->
 
 @dataclass(frozen=True)
 class LibraryFitConstants:
-    """With which campaigns one is compared; chosen by hand.
+    """How what is left of a campaign is predicted; chosen by hand.
 
     Attributes:
-        like: share of the simulated campaigns, those whose misfit is nearest.
-        fewest: such campaigns, if there are as many; a tail probability below `NAMING.least_fit`
-            needs a hundred.
+        penalty: of the squares of the coefficients, in campaigns.
+        tiny: least width of the range of sizes, and share of a campaign that others do not tell;
+            added to the squares of errors before their logarithm is taken.
     """
 
-    like: float = 0.1
-    fewest: int = 200
+    penalty: float = 1.0
+    tiny: float = 1e-6
 
 
 LIBRARY_FIT = LibraryFitConstants()
@@ -69,50 +72,110 @@ LIBRARY_FIT = LibraryFitConstants()
 
 @dataclass(frozen=True, eq=False)
 class LibraryFit:
-    """What the library leaves unexplained of simulated campaigns, disturbed and held out.
+    """What the library is expected to leave unexplained of a campaign, and by how much it errs.
 
     Attributes:
-        size: logarithms of their misfits, rising, shape (n,).
-        unexplained: logarithms of the shares of these that are left, shape (n,).
+        sizes: least and greatest of the logarithms of misfits, shape (2,).
+        expected: coefficients of the logarithm of the share that is left, constant first, shape
+            (coefficients,).
+        spread: of the logarithm of the squared error, by the size alone, shape (3,).
+        errors: of simulated campaigns, disturbed and held out, each over its spread and predicted
+            without itself, rising, shape (n,).
     """
 
-    size: Array
-    unexplained: Array
+    sizes: Array
+    expected: Array
+    spread: Array
+    errors: Array
+
+    @staticmethod
+    def coefficients(effects: int) -> int:
+        """Number of coefficients by a library of so many effects."""
+        return 1 + 2 + 2 * (effects + 1)
 
     @classmethod
-    def of(cls, size: Array, unexplained: Array) -> LibraryFit:
-        """From campaigns in any order, both shape (n,)."""
-        order = np.argsort(size, kind="stable")
-        return cls(size[order], unexplained[order])
+    def of(cls, size: Array, unexplained: Array, acts: Array) -> LibraryFit:
+        """From simulated campaigns.
 
-    def probability(self, size: float, unexplained: float) -> float:
-        """Share of the campaigns of like misfit of which at least as much is left.
+        Args:
+            size: logarithms of their misfits, shape (n,).
+            unexplained: logarithms of the shares of these that are left, shape (n,).
+            acts: posterior probability of each effect and of a cause outside, shape (n, effects
+                + 1).
+        """
+        sizes = np.array([size.min(), size.max()])
+        by_size = _by_size(sizes, size)
+        terms = _with_acts(by_size, acts)
+        expected, errors = _without_itself(terms, unexplained)
+        spread, _ = _without_itself(by_size, np.log(errors**2 + LIBRARY_FIT.tiny))
+        return cls(sizes, expected, spread, np.sort(errors / _deviation(by_size, spread)))
+
+    def probability(self, size: Array, unexplained: Array, acts: Array) -> Array:
+        """Share of simulated campaigns that exceed what is expected of them at least as much.
 
         The observed one counts with them, so that no probability is 0.
 
         Args:
-            size: logarithm of the misfit.
-            unexplained: logarithm of the share that is left.
+            size: logarithms of misfits, shape (m,).
+            unexplained: logarithms of the shares that are left, shape (m,).
+            acts: posterior probability of each effect and of a cause outside, shape (m, effects
+                + 1).
+
+        Returns:
+            Shape (m,).
         """
-        count = min(max(LIBRARY_FIT.fewest, int(LIBRARY_FIT.like * len(self.size))), len(self.size))
-        middle = int(np.searchsorted(self.size, size))
-        first = int(np.clip(middle - count // 2, 0, len(self.size) - count))
-        above = int((self.unexplained[first : first + count] >= unexplained).sum())
-        return (1 + above) / (1 + count)
+        by_size = _by_size(self.sizes, size)
+        expected = _with_acts(by_size, acts) @ self.expected
+        errors = (unexplained - expected) / _deviation(by_size, self.spread)
+        return tail_probability(errors, self.errors)
 
 
-def fit_probability(observed: Array, gap_free: Array) -> Array:
-    """Tail probability of misfits among campaigns without effect; 1 where there are none.
+def _by_size(sizes: Array, size: Array) -> Array:
+    """One, the place in the range of sizes, from 0 to 1, and its square, shape (n, 3)."""
+    least, most = sizes
+    place = (np.clip(size, least, most) - least) / max(most - least, LIBRARY_FIT.tiny)
+    return np.stack([np.ones(len(place)), place, place**2], axis=1)
+
+
+def _with_acts(by_size: Array, acts: Array) -> Array:
+    """The same, what acts, and its products with the place, shape (n, coefficients)."""
+    return np.concatenate([by_size, acts, acts * by_size[:, 1:2]], axis=1)
+
+
+def _deviation(by_size: Array, spread: Array) -> Array:
+    return np.asarray(np.exp(0.5 * (by_size @ spread)))
+
+
+def _without_itself(x: Array, y: Array) -> tuple[Array, Array]:
+    """Coefficients of a ridge regression, and the error of each row when it is left out.
+
+    That is its error over 1 less its leverage (D. M. Allen, "The relationship between variable
+    selection and data augmentation and a method for prediction", Technometrics 16, 1974).
+
+    Args:
+        x: its first column is 1, whose coefficient is free, shape (n, columns).
+        y: shape (n,).
+    """
+    penalty = np.full(x.shape[1], LIBRARY_FIT.penalty)
+    penalty[0] = 0.0
+    inverse = np.linalg.inv(x.T @ x + np.diag(penalty))
+    coefficients = inverse @ (x.T @ y)
+    leverage = np.einsum("ij,jk,ik->i", x, inverse, x)
+    return coefficients, (y - x @ coefficients) / np.maximum(1 - leverage, LIBRARY_FIT.tiny)
+
+
+def tail_probability(observed: Array, known: Array) -> Array:
+    """Share of known values that are at least as large; 1 where there are none.
 
     Each observed one counts with them, so that no probability is 0 (A. C. Davison and D. V.
     Hinkley, "Bootstrap methods and their application", 1997, section 4.2).
 
     Args:
-        observed: misfits, any shape.
-        gap_free: those of campaigns without effect, rising, shape (m,).
+        observed: any shape.
+        known: rising, shape (m,).
 
     Returns:
         Of each, in the shape of `observed`.
     """
-    above = gap_free.size - np.searchsorted(gap_free, observed, side="left")
-    return np.asarray((1 + above) / (1 + gap_free.size))
+    above = known.size - np.searchsorted(known, observed, side="left")
+    return np.asarray((1 + above) / (1 + known.size))

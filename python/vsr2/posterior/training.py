@@ -16,10 +16,18 @@ from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
 from vsr2.ensemble.simulated.library import Library
 from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.one_line import counted
-from vsr2.posterior.calibration import Levels, Refine, best_temperature, calibrate, pooled
+from vsr2.posterior.calibration import (
+    Levels,
+    Refine,
+    acting_probability,
+    best_temperature,
+    calibrate,
+    held_out_findings,
+    pooled,
+)
 from vsr2.posterior.discrepancy import Disturbance
 from vsr2.posterior.effect_curves import Curves
-from vsr2.posterior.goodness_of_fit import LibraryFit, fit_probability, misfit, misfits_by
+from vsr2.posterior.goodness_of_fit import LibraryFit, misfit, misfits_by, tail_probability
 from vsr2.posterior.naming import Naming, candidates, decide
 from vsr2.posterior.network import Network, SetOutputs, train_network
 from vsr2.posterior.parameters import Parameters, fit_parameters
@@ -133,10 +141,12 @@ class Posterior:
             curves = [one.without(effect, allowed[0]) for one in self.curves]
             own = summaries[0, : effect.size]
             probability = refined(probability, self.sets, self.alike, allowed[0], own, curves)
-        size = float(misfit(residuals[0]))
-        fit = 1.0 if size <= self.excused else float(fit_probability(np.array(size), self.misfits))
-        misfits, unexplained = self.summaries.unexplained(summaries)
-        library_fit = self.library_fit.probability(float(misfits[0]), float(unexplained[0]))
+        size = misfit(residuals)
+        fit = 1.0 if size[0] <= self.excused else float(tail_probability(size, self.misfits)[0])
+        acts = acting_probability(probability[None], self.sets)
+        library_fit = float(
+            self.library_fit.probability(*self.summaries.unexplained(summaries), acts)[0]
+        )
         said = decide(
             candidates(probability, self.sets, self.alike),
             self.levels.naming,
@@ -228,24 +238,21 @@ def train(
     scale = everything.std(axis=0) + TRAINING.added_scale
     scaled = _Scaled(summaries, everything.mean(axis=0), scale)
     truth = Truth.of(campaigns, sets, library)
-    networks, judged = _networks(scaled, np.stack(found), truth, fold, seed)
+    networks, outputs = _networks(scaled, np.stack(found), truth, fold, seed)
     gap_free_misfits = np.sort(misfits[:, plain], axis=None)
-    library_fit = LibraryFit.of(*summaries.unexplained(np.concatenate(found[1:])))
-    # Of the copy that is judged.
-    fits = [
-        library_fit.probability(float(size), float(unexplained))
-        for size, unexplained in zip(*summaries.unexplained(found[-1]), strict=True)
-    ]
-    temperature = best_temperature(judged, truth)
-    held_out = _HeldOut(networks, judged, truth, fold)
+    temperature = best_temperature(outputs, truth)
+    held_out = _HeldOut(networks, outputs, truth, fold)
     curves = _curves(scaled, np.stack(found), campaigns, library, held_out, temperature)
-    levels = calibrate(
-        judged,
-        truth,
-        (fit_probability(misfits[-1], gap_free_misfits), np.array(fits)),
-        temperature,
-        held_out.refinement(curves, found[-1], summaries.effect),
+    refine = held_out.refinement(curves, found[-1], summaries.effect)
+    judged = held_out_findings(outputs, truth, temperature, refine)
+    # Of the copy that is judged.
+    size, left = summaries.unexplained(found[-1])
+    library_fit = LibraryFit.of(size, left, judged.acts[: len(campaigns)])
+    fits = (
+        tail_probability(misfits[-1], gap_free_misfits)[judged.row],
+        library_fit.probability(size[judged.row], left[judged.row], judged.acts),
     )
+    levels = calibrate(judged, truth, fits)
     _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
     return Posterior(
         sets, standards.by_all, summaries, scaled.centre, scaled.scale, networks, curves,

@@ -96,7 +96,7 @@ class _Gap(SchemaPart):
     """Losses a trial [nat], and what they say together.
 
     `fit`: tail probability of the campaign among simulated ones without effect. `library_fit`: that
-    of what the library leaves unexplained, among simulated campaigns of like misfit.
+    of what the library leaves unexplained beyond what is expected, among all simulated campaigns.
     """
 
     state: GapState
