@@ -24,7 +24,7 @@ from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget, diagnose
 from vsr2.effects import library
-from vsr2.ensemble import Execution, Hypotheses
+from vsr2.ensemble import Execution, Hypotheses, ProtocolCache
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import Effects, Request
 
@@ -59,6 +59,7 @@ def main() -> None:
     parser.add_argument("--threads", type=int, default=1)
     parser.add_argument("--out", type=Path, default=Path("out") / "diagnosis_seeds")
     options = parser.parse_args()
+    options.out.mkdir(parents=True, exist_ok=True)
     campaigns = {label: observed(i, effects) for i, (label, effects) in enumerate(PLANTED.items())}
     for i in range(SHUFFLED):
         campaigns[f"dealt at random {i + 1}"] = dealt(observed(20 + i, ()), i)
@@ -69,10 +70,9 @@ def main() -> None:
             found = diagnose(
                 campaign,
                 SCENE,
-                out=options.out / f"seed{seed}",
                 budget=Budget(campaigns=options.campaigns),
                 hypotheses=Hypotheses(offered),
-                execution=Execution(options.threads),
+                execution=Execution(options.threads, cache=ProtocolCache(options.out / "cache")),
                 seed=seed,
             )
             rows.append({"campaign": label, "seed": seed} | row(found.content))
