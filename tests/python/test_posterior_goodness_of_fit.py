@@ -85,12 +85,10 @@ def test_new_campaigns_without_effect_seldom_misfit_and_others_do() -> None:
 
 
 def campaigns(rng, count):
-    """What is left falls with the size, by one of two effects more slowly and with more chance."""
-    size = rng.uniform(-1.0, 2.0, count)
+    """Two effects, of which one leaves more over than the other."""
     acts = np.zeros((count, 3))
     acts[np.arange(count), rng.integers(0, 2, count)] = 1.0
-    left = np.where(acts[:, 0] > 0, -size, -0.2 * size)
-    return size, left + np.exp(-0.4 * size) * 0.2 * rng.standard_normal(count), acts
+    return 0.2 * rng.standard_normal(count) + acts[:, 0] - 0.5 * acts[:, 1], acts
 
 
 def test_what_is_left_is_compared_with_what_is_expected() -> None:
@@ -100,28 +98,21 @@ def test_what_is_left_is_compared_with_what_is_expected() -> None:
     # Of 4,000 at 1 %: a standard error of 0.0016, and as much from the known ones.
     assert (tails < 0.01).mean() == pytest.approx(0.01, abs=0.007)
     assert tails.mean() == pytest.approx(0.5, abs=0.02)
-    # What is common under one effect is rare under the other.
-    of_one, of_other = np.eye(3)[:2]
-    size, left = np.array([2.0]), np.array([-0.4])
-    assert fit.probability(size, left, of_other[None])[0] > 0.1
-    assert fit.probability(size, left, of_one[None])[0] == pytest.approx(1 / 4001)
-    # Chance is smaller among large campaigns.
-    for place, exceeds in ((-1.0, False), (2.0, True)):
-        tail = fit.probability(np.array([place]), np.array([-place + 0.35]), of_one[None])[0]
-        assert (tail < NAMING.least_fit) == exceeds
-    # Beyond all sizes the largest one counts.
-    assert fit.probability(size + 3, left, of_other[None]) == fit.probability(
-        size, left, of_other[None]
+    # What is common under one effect is rare under the other, and if either may act: 7.5 and
+    # 3.75 standard deviations above what is expected there.
+    one, other, either = fit.probability(
+        np.ones(3), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 0.0]])
     )
+    assert one == pytest.approx(0.5, abs=0.04)
+    assert other == pytest.approx(1 / 4001)
+    assert either < NAMING.least_fit
 
 
 def test_a_campaign_is_not_expected_by_itself() -> None:
     """One row that no other resembles has as large an error as it would have as a new one."""
     rng = np.random.default_rng(4)
-    size, left, acts = campaigns(rng, 300)
-    acts[:, 2] = 0.0
+    left, acts = campaigns(rng, 300)
     acts[0], left[0] = (0.0, 0.0, 1.0), 9.0
-    others = LibraryFit.of(size[1:], left[1:], acts[1:])
-    alone = others.probability(size[:1], left[:1], acts[:1])[0]
-    assert alone == pytest.approx(1 / 300)
-    assert LibraryFit.of(size, left, acts).errors[-1] > 5 * others.errors[-1]
+    others = LibraryFit.of(left[1:], acts[1:])
+    assert others.probability(left[:1], acts[:1])[0] == pytest.approx(1 / 300)
+    assert LibraryFit.of(left, acts).errors[-1] > 5 * others.errors[-1]

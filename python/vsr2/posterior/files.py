@@ -183,7 +183,6 @@ def _checked(
     )
     # Discriminants, two sizes of residuals and a mean for each channel: see `Summaries.complete`.
     count = arrays.size("targets") + 3 * channels
-    coefficients = LibraryFit.coefficients(len(library))
     return Posterior(
         sets=sets,
         standard=standard,
@@ -201,9 +200,7 @@ def _checked(
         gap_free=arrays.numbers("gap_free", "plain", columns).astype(np.float32, copy=False),
         misfits=arrays.numbers("misfits", "misfits"),
         library_fit=LibraryFit(
-            arrays.numbers("library_fit_sizes", 2),
-            arrays.numbers("library_fit_expected", coefficients),
-            arrays.numbers("library_fit_spread", 3),
+            arrays.numbers("library_fit_expected", len(library) + 2),
             arrays.numbers("library_fit_errors", "fits"),
         ),
         campaigns=_count(about, "campaigns"),

@@ -232,18 +232,16 @@ class Summaries:
         sizes = [np.log((part**2).mean(axis=2) + SUMMARY.least_size) for part in (own, rest)]
         return np.concatenate([discriminants / self.deviation, *sizes, own.mean(axis=2)], axis=1)
 
-    def unexplained(self, summaries: Array) -> tuple[Array, Array]:
-        """Misfit of campaigns, and the share of it that the discriminants do not reproduce.
+    def unexplained(self, summaries: Array) -> Array:
+        """Logarithms of the misfit that the discriminants do not reproduce, shape (n,).
+
+        Means over the channels.
 
         Args:
             summaries: shape (n, summaries).
-
-        Returns:
-            Logarithms of both, means over the channels, each shape (n,).
         """
-        sizes = summaries[:, len(self.deviation) :]
-        own, left, _ = np.split(sizes, 3, axis=1)
-        return own.mean(axis=1), (left - own).mean(axis=1)
+        _, left, _ = np.split(summaries[:, len(self.deviation) :], 3, axis=1)
+        return np.asarray(left.mean(axis=1))
 
 
 def targets(campaigns: Campaigns, names: tuple[str, ...]) -> tuple[Array, NDArray[np.int64]]:
