@@ -255,7 +255,7 @@ def let_go(way: str, dt: float) -> tuple[float, list[float]]:
     place = np.zeros((3, tilt.size))
     place[1], place[2] = size * np.cos(alpha - tilt) - SLOP, tilt
     bears = np.array([[False], [True]]) & np.ones(tilt.size, dtype=bool)
-    b = Blocks(place, np.zeros_like(place), 1.0 * bears, bears, np.full(tilt.size, dt))
+    b = Blocks(place, np.zeros_like(place), bears.astype(np.float64), bears, np.full(tilt.size, dt))
     path = [tilt]
     for _ in range(math.ceil(WATCHED / dt)):
         WAYS[way](b, np.zeros(tilt.size), dt)
