@@ -85,26 +85,31 @@ def test_new_campaigns_without_effect_seldom_misfit_and_others_do() -> None:
 
 
 def campaigns(rng, count):
-    """Two effects, of which one leaves more over than the other."""
+    """Two effects: one leaves more over than the other, and with more chance."""
     acts = np.zeros((count, 3))
     acts[np.arange(count), rng.integers(0, 2, count)] = 1.0
-    return 0.2 * rng.standard_normal(count) + acts[:, 0] - 0.5 * acts[:, 1], acts
+    one = acts[:, 0] > 0
+    chance = np.where(one, 0.4, 0.2) * rng.standard_normal(count)
+    return chance + np.where(one, 1.0, -0.5), acts
 
 
 def test_what_is_left_is_compared_with_what_is_expected() -> None:
     rng = np.random.default_rng(3)
     fit = LibraryFit.of(*campaigns(rng, 4000))
-    tails = fit.probability(*campaigns(rng, 4000))
-    # Of 4,000 at 1 %: a standard error of 0.0016, and as much from the known ones.
-    assert (tails < 0.01).mean() == pytest.approx(0.01, abs=0.007)
-    assert tails.mean() == pytest.approx(0.5, abs=0.02)
-    # What is common under one effect is rare under the other, and if either may act: 7.5 and
-    # 3.75 standard deviations above what is expected there.
+    left, acts = campaigns(rng, 8000)
+    for effect in (0, 1):
+        own = acts[:, effect] > 0
+        tails = fit.probability(left[own], acts[own])
+        # Of 4,000 at 1 %: a standard error of 0.0016, and as much from the known ones.
+        assert (tails < NAMING.least_fit).mean() == pytest.approx(0.01, abs=0.007)
+        assert tails.mean() == pytest.approx(0.5, abs=0.03)
+    # What is common under one effect is rare under the other, and if either may act.
     one, other, either = fit.probability(
         np.ones(3), np.array([[1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.5, 0.5, 0.0]])
     )
     assert one == pytest.approx(0.5, abs=0.04)
     assert other == pytest.approx(1 / 4001)
+    # At 0.75 over a spread between both, 2.65 standard deviations.
     assert either < NAMING.least_fit
 
 

@@ -201,6 +201,7 @@ def _checked(
         misfits=arrays.numbers("misfits", "misfits"),
         library_fit=LibraryFit(
             arrays.numbers("library_fit_expected", len(library) + 2),
+            arrays.numbers("library_fit_spread", len(library) + 2),
             arrays.numbers("library_fit_errors", "fits"),
         ),
         campaigns=_count(about, "campaigns"),

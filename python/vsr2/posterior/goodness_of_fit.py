@@ -57,11 +57,15 @@ class LibraryFitConstants:
     """How what is left of a campaign is predicted; chosen by hand.
 
     Attributes:
-        penalty: of the squares of the coefficients, in campaigns.
-        tiny: least part of a row's error that others do not tell.
+        penalty: of the squares of the coefficients of what is expected, in campaigns.
+        spread_penalty: of those of its spread: the variance of the logarithm of a squared normal
+            error, pi^2 / 2, over that of the effects' logarithms of variances, 0.5^2.
+        tiny: least part of a row's error that others do not tell; added to squares of errors before
+            their logarithm is taken.
     """
 
     penalty: float = 1.0
+    spread_penalty: float = 20.0
     tiny: float = 1e-6
 
 
@@ -72,23 +76,26 @@ LIBRARY_FIT = LibraryFitConstants()
 class LibraryFit:
     """What the library is expected to leave unexplained of a campaign, and by how much it errs.
 
+    Coefficients are a constant, then those of the posterior probability of each effect and of a
+    cause outside, shape (effects + 2,).
+
     Attributes:
-        expected: coefficients of the logarithm of what is left: a constant, then of the posterior
-            probability of each effect and of a cause outside, shape (effects + 2,).
-        errors: of simulated campaigns, disturbed and held out, each predicted without itself,
-            rising, shape (n,).
+        expected: coefficients of the logarithm of what is left.
+        spread: of the logarithm of its squared error.
+        errors: of simulated campaigns, disturbed and held out, each predicted without itself, over
+            their spread, rising, shape (n,).
     """
 
     expected: Array
+    spread: Array
     errors: Array
 
     @classmethod
     def of(cls, unexplained: Array, acts: Array) -> LibraryFit:
         """From simulated campaigns.
 
-        The error of a row that a ridge regression has not seen is its error over 1 less its
-        leverage (D. M. Allen, "The relationship between variable selection and data augmentation
-        and a method for prediction", Technometrics 16, 1974).
+        Variances are by A. C. Harvey, "Estimating regression models with multiplicative
+        heteroscedasticity", Econometrica 44, 1976.
 
         Args:
             unexplained: logarithms of what is left of them, shape (n,).
@@ -96,12 +103,10 @@ class LibraryFit:
                 + 1).
         """
         x = _with_constant(acts)
-        penalty = np.full(x.shape[1], LIBRARY_FIT.penalty)
-        penalty[0] = 0.0
-        inverse = np.linalg.inv(x.T @ x + np.diag(penalty))
-        expected = inverse @ (x.T @ unexplained)
-        unseen = np.maximum(1 - np.einsum("ij,jk,ik->i", x, inverse, x), LIBRARY_FIT.tiny)
-        return cls(expected, np.sort((unexplained - x @ expected) / unseen))
+        expected, errors = _regressed(x, unexplained, LIBRARY_FIT.penalty)
+        squares = np.log(errors**2 + LIBRARY_FIT.tiny)
+        spread, _ = _regressed(x, squares, LIBRARY_FIT.spread_penalty)
+        return cls(expected, spread, np.sort(errors / _deviation(x, spread)))
 
     def probability(self, unexplained: Array, acts: Array) -> Array:
         """Share of simulated campaigns that exceed what is expected of them at least as much.
@@ -116,11 +121,36 @@ class LibraryFit:
         Returns:
             Shape (m,).
         """
-        return tail_probability(unexplained - _with_constant(acts) @ self.expected, self.errors)
+        x = _with_constant(acts)
+        errors = (unexplained - x @ self.expected) / _deviation(x, self.spread)
+        return tail_probability(errors, self.errors)
 
 
 def _with_constant(acts: Array) -> Array:
     return np.concatenate([np.ones((len(acts), 1)), acts], axis=1)
+
+
+def _deviation(x: Array, spread: Array) -> Array:
+    return np.asarray(np.exp(0.5 * (x @ spread)))
+
+
+def _regressed(x: Array, y: Array, penalty: float) -> tuple[Array, Array]:
+    """Coefficients of a ridge regression, and the error of each row when it is left out.
+
+    That is its error over 1 less its leverage (D. M. Allen, "The relationship between variable
+    selection and data augmentation and a method for prediction", Technometrics 16, 1974).
+
+    Args:
+        x: its first column is 1, whose coefficient is free, shape (n, columns).
+        y: shape (n,).
+        penalty: of the squares of the other coefficients.
+    """
+    penalties = np.full(x.shape[1], penalty)
+    penalties[0] = 0.0
+    inverse = np.linalg.inv(x.T @ x + np.diag(penalties))
+    coefficients = inverse @ (x.T @ y)
+    unseen = np.maximum(1 - np.einsum("ij,jk,ik->i", x, inverse, x), LIBRARY_FIT.tiny)
+    return coefficients, (y - x @ coefficients) / unseen
 
 
 def tail_probability(observed: Array, known: Array) -> Array:
