@@ -64,9 +64,10 @@ def work(count: int) -> list[float]:
 def built(core: Path | None) -> Path:
     """The program."""
     given = "" if core is None else core.resolve()
-    configure = ["cmake", "-S", ROOT / "benchmarks" / "lanes", "-B", BUILD, "-G", "Ninja"]
+    source = str(ROOT / "benchmarks" / "lanes")
+    configure = ["cmake", "-S", source, "-B", str(BUILD), "-G", "Ninja"]
     configure += ["-DCMAKE_BUILD_TYPE=Release", f"-DVSR2_CORE={given}"]
-    for command in (configure, ["cmake", "--build", BUILD]):
+    for command in (configure, ["cmake", "--build", str(BUILD)]):
         subprocess.run(command, check=True, stdout=subprocess.DEVNULL)
     return BUILD / "lanes"
 
@@ -129,7 +130,7 @@ def main() -> None:
     with tempfile.TemporaryDirectory() as folder:
         given = Path(folder) / "work.bin"
         np.asarray(work(options.trials)).tofile(given)
-        command = [program, given, str(options.rounds)]
+        command = [str(program), str(given), str(options.rounds)]
         done = subprocess.run(command, check=True, stdout=subprocess.PIPE, text=True)
     speeds, agreement = tables(done.stdout)
     write(speeds, options.out)
