@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+import lanes
 import throughput
 import throughput_work
 import vsr2
@@ -277,3 +278,31 @@ def test_a_folder_without_vsr2_is_refused(monkeypatch, tmp_path):
     monkeypatch.setattr("sys.argv", ["throughput.py", "--against", str(tmp_path)])
     with pytest.raises(SystemExit, match="holds no package vsr2"):
         throughput.main()
+
+
+def test_lanes_are_compared_with_the_core_and_the_scalar_kernel_round_by_round():
+    speeds, agreement = lanes.tables(
+        "check,velocity [m/s],4.4e-16\n"
+        "step,portable,the core,double,1,no,0.000000,0.2000,400,800\n"
+        "step,portable,trials,double,1,yes,0.002000,0.2000,300,600\n"
+        "step,avx512,trials,double,8,yes,0.002000,0.2000,50,100\n"
+        "sweep,portable,the core,double,1,yes,0.000000,0.0000,60,60\n"
+        "sweep,portable,trials,double,1,yes,0.000000,0.0000,60,60\n"
+    )
+    assert agreement == [{"what": "velocity [m/s]", "value": "4.4e-16"}]
+    assert list(speeds[0]) == lanes.HEADER
+    assert [row["times_core"] for row in speeds] == ["1.00", "1.33", "8.00", "1.00", "1.00"]
+    assert [row["times_scalar"] for row in speeds] == ["0.75", "1.00", "6.00", "1.00", "1.00"]
+    # 1 / (.23 + .77 / 8) and 1 / (.13 + .87 (.47 + .53 / 8))
+    assert (speeds[2]["plain_batch"], speeds[2]["campaign"]) == ("3.07", "1.68")
+    assert speeds[3]["campaign"] == ""
+
+
+def test_the_program_of_lanes_is_given_the_batch_s_block():
+    time_step, *size, density, restitution, friction = lanes.work(2)[:7]
+    study = throughput_work.study_of("block")
+    assert (time_step, tuple(size), density) == (0.001, study.rock.size, study.rock.density)
+    assert (restitution, friction) == (0.35, 0.9)
+    count, *lengths = (int(value) for value in lanes.work(2)[11:14])
+    assert count == len(lengths) == 2
+    assert len(lanes.work(2)) == 14 + sum(lengths)
