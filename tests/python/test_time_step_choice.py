@@ -239,7 +239,8 @@ def test_functions_refuse_a_step_that_is_not_chosen(use: Callable[[Study], objec
 
 
 def test_a_diagnosis_refuses_a_step_that_is_not_chosen(campaign: Path) -> None:
-    with pytest.raises(ConfigError, match=r"time_step_tolerance is 0\.5.*choose_time_step"):
+    wanted = r"time_step_tolerance is 0\.5.*choose_time_step"
+    with quick(), pytest.raises(ConfigError, match=wanted):
         diagnose(campaign, study(WIDE))
 
 
