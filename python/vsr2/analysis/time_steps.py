@@ -229,7 +229,7 @@ def _rows(
 
 def _width() -> float:
     """Of the range in which a margin lies after all halvings."""
-    return 2 * TIME_STEPS.reach / 2**TIME_STEPS.halvings
+    return 2 * TIME_STEPS.reach / 2.0**TIME_STEPS.halvings
 
 
 def _replicated(trials: Sequence[Trial], seed: int, replicates: int) -> list[Trial]:
