@@ -17,6 +17,7 @@ import pytest
 from cyclopts import App, CycloptsError
 
 import command_line
+from vsr2 import Study
 from vsr2.cli.main import app, main
 from vsr2.diagnosis import Budget
 from vsr2.diagnosis.budget import SCHEDULE
@@ -310,6 +311,13 @@ def stub_campaign(folder: Path) -> SimpleNamespace:
     return campaign
 
 
+def stub_scene(path: Path, settings: tuple[str, ...]) -> Study:
+    """A study that states its time step."""
+    motion = {"mode": "single_cosine", "pga_g": 0.4, "pgv_pga_s": 0.1}
+    rock = {"shape": "box", "size": [0.2, 0.2, 0.6], "mass": 60.0}
+    return Study.from_dict({"rock": rock, "motion": motion})
+
+
 def test_diagnose_hands_budget_and_cache_on(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -321,7 +329,7 @@ def test_diagnose_hands_budget_and_cache_on(
 
     monkeypatch.setattr("vsr2.diagnosis.diagnose", stop)
     monkeypatch.setattr("vsr2.campaign.load_campaign", stub_campaign)
-    monkeypatch.setattr("vsr2.cli.options.scene", lambda path, settings: None)
+    monkeypatch.setattr("vsr2.cli.options.scene", stub_scene)
     line = ["diagnose", "folder", "--scene", "s.yaml", "--out", str(tmp_path), "--campaigns", "300"]
     assert main([*line, "--cache", str(tmp_path / "shared")]) == 2
     assert "seen enough" in capsys.readouterr().err
@@ -396,7 +404,7 @@ def test_diagnose_hands_references_on(monkeypatch: pytest.MonkeyPatch, tmp_path:
 
     monkeypatch.setattr("vsr2.diagnosis.diagnose", stop)
     monkeypatch.setattr("vsr2.campaign.load_campaign", stub_campaign)
-    monkeypatch.setattr("vsr2.cli.options.scene", lambda path, settings: None)
+    monkeypatch.setattr("vsr2.cli.options.scene", stub_scene)
     line = ["diagnose", "folder", "--scene", "s.yaml", "--out", str(tmp_path)]
     assert main([*line, "--reference", "one", "--reference", "other"]) == 2
     assert asked == [Path("one"), Path("other")]

@@ -3,23 +3,28 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Hashable, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.analysis.overturning_margin import MARGIN, seek_margins
 from vsr2.config import Study
-from vsr2.errors import SimulationError
+from vsr2.errors import SimulationError, Vsr2Error
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
 from vsr2.simulation import check_trials, run_batch, study_trials
 from vsr2.simulation.run_constants import run_constants
 from vsr2.trial import Trial, rows_only
 
+if TYPE_CHECKING:
+    import distributed
+
 Array = NDArray[np.float64]
+TrialsOf = Callable[[Study], Sequence[Trial]]
+"""Makes the trials of a study, at the time step that it states."""
 
 
 @dataclass(frozen=True)
@@ -28,7 +33,7 @@ class TimeStepConstants:
 
     Attributes:
         steps: that are compared by default, the first with all others [s].
-        motions: of a study that are used at most, evenly over its order.
+        motions: that are used at most; of more, some are drawn by the study's seed.
         replicates: starts of each motion.
         place: standard deviation of a start's place along x and y [m]; of its turn about the
             vertical [rad]. Far above rounding and far below what a set-up repeats to: responses
@@ -68,7 +73,7 @@ class TimeStepError:
         motions: number that have a margin at this step and at the least one.
         margin_change: mean change of the margin against the least step; above zero, rocks overturn
             later than they should.
-        standard_error: of that mean, over motions.
+        standard_error: of that mean, over motions; not below that of the halving's rounding.
         scatter: standard deviation of the change in single trials.
         cpu_time: of a trial [s].
     """
@@ -83,6 +88,25 @@ class TimeStepError:
     def within(self, tolerance: float) -> bool:
         """Whether the mean margin surely changes by no more than a tolerance."""
         return abs(self.margin_change) + TIME_STEPS.errors * self.standard_error <= tolerance
+
+
+class TooFewMarginsError(SimulationError):
+    """So few motions overturn the rock that nothing can be said of a time step."""
+
+
+def drawn_trials(motions: Sequence[Hashable], seed: int) -> list[int]:
+    """One trial of each motion, of `TimeStepConstants.motions` at most, drawn and in order.
+
+    Args:
+        motions: of each trial.
+        seed: of the draw.
+    """
+    # A spawn key, so that no start of a trial has the same stream.
+    rng = np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(0,)))
+    first: dict[Hashable, int] = {}
+    for i in rng.permutation(len(motions)).tolist():
+        first.setdefault(motions[i], i)
+    return sorted([*first.values()][: TIME_STEPS.motions])
 
 
 def longest_time_step(found: Sequence[TimeStepError], tolerance: float) -> float | None:
@@ -104,8 +128,10 @@ def compare_time_steps(
     study: Study,
     steps: Sequence[float] = TIME_STEPS.steps,
     *,
+    trials_of: TrialsOf = study_trials,
     replicates: int = TIME_STEPS.replicates,
     threads: int | None = None,
+    client: distributed.Client | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> list[TimeStepError]:
     """Overturning margins of a study's trials at several time steps.
@@ -119,16 +145,20 @@ def compare_time_steps(
     Args:
         study: its scene, effects and motions; its own time step counts for nothing.
         steps: time steps, of which the least is the truth [s].
+        trials_of: makes its trials, each of another motion; by default those of its own motions.
         replicates: starts of each motion.
-        threads: as of :func:`vsr2.run_batch`.
+        threads: as of :func:`vsr2.run_batch`; no result depends on it.
+        client: as there.
         progress: called with batches done and all.
 
     Returns:
-        One row a step, rising.
+        One row a step, rising, up to the first at which the study cannot be compared, as where a
+        record needs a filter at a coarse step.
 
     Raises:
-        ConfigError, GeometryError, MotionError, SimulationError: the study cannot be run at a step,
-            or too few of its motions have a margin within the range.
+        ConfigError, GeometryError, MotionError, SimulationError: the study cannot be run at the
+            two least steps.
+        TooFewMarginsError: there too few of its motions have a margin within the range.
         KeyboardInterrupt: Ctrl-C came.
     """
     ordered = sorted(set(steps))
@@ -144,22 +174,51 @@ def compare_time_steps(
             if progress is not None:
                 progress(before + halvings, batches)
 
-        trials = _replicated(study, step, replicates)
-        found, seconds = _margins(trials, threads, done)
+        try:
+            trials = _replicated(trials_of(study.at_time_step(step)), study.seed, replicates)
+        except Vsr2Error:
+            if k < 2:
+                raise
+            break
+        if len(trials) < TIME_STEPS.fewest * replicates:
+            raise TooFewMarginsError(
+                f"study {study.name!r}: {len(trials) // replicates} motions; a comparison of time "
+                f"steps needs {TIME_STEPS.fewest}; give more motions"
+            )
+        found, seconds = _margins(trials, threads, client, done)
         margins.append(found.reshape(-1, replicates))
         cpu.append(seconds)
-    rows = []
-    for step, margin, seconds in zip(ordered, margins, cpu, strict=True):
+    return _rows(study.name, ordered, margins, cpu)
+
+
+def _rows(
+    name: str, steps: Sequence[float], margins: Sequence[Array], cpu: Sequence[float]
+) -> list[TimeStepError]:
+    """What each step costs, as far as there are margins of it.
+
+    Args:
+        name: of the study.
+        steps: rising [s].
+        margins: of each step, NaN where there is none, shape (motions, replicates).
+        cpu: time of a trial at each step [s].
+    """
+    rows: list[TimeStepError] = []
+    for step, margin, seconds in zip(steps, margins, cpu, strict=False):
         change = margin - margins[0]
         own = [row[np.isfinite(row)].mean() for row in change if np.isfinite(row).any()]
         if len(own) < TIME_STEPS.fewest:
-            raise SimulationError(
-                f"study {study.name!r}: {len(own)} of {len(margin)} motions overturn the rock at "
+            if len(rows) > 1:
+                break
+            raise TooFewMarginsError(
+                f"study {name!r}: {len(own)} of {len(margin)} motions overturn the rock at "
                 f"a strength between 1/e and e times their own; a comparison needs "
                 f"{TIME_STEPS.fewest}; give more motions, or scale them (motion.scale) to where "
                 "the rock overturns"
             )
-        error = float(np.std(own, ddof=1)) / np.sqrt(len(own))
+        # Where hardly any margin changes its cell of the halving, its rounding is what is known:
+        # of a difference of two, width / sqrt(6).
+        known = max(float(np.std(own, ddof=1)), _width() / np.sqrt(6)) if rows else 0.0
+        error = known / np.sqrt(len(own))
         rows.append(
             TimeStepError(
                 step, len(own), float(np.mean(own)), float(error), float(np.nanstd(change)), seconds
@@ -168,18 +227,20 @@ def compare_time_steps(
     return rows
 
 
-def _replicated(study: Study, step: float, replicates: int) -> list[Trial]:
-    """Trials at a time step, each motion with its starts in turn."""
-    engine = study.engine.model_copy(update={"time_step": step})
-    trials = study_trials(study.model_copy(update={"engine": engine}))
-    kept = np.linspace(0, len(trials) - 1, min(TIME_STEPS.motions, len(trials))).astype(int)
+def _width() -> float:
+    """Of the range in which a margin lies after all halvings."""
+    return 2 * TIME_STEPS.reach / 2.0**TIME_STEPS.halvings
+
+
+def _replicated(trials: Sequence[Trial], seed: int, replicates: int) -> list[Trial]:
+    """Some of the trials, each with its starts in turn."""
     out = []
-    for i in kept:
+    for i in drawn_trials(range(len(trials)), seed):
         trial = trials[i]
         start = trial.start or trial.scene.rock.start
         x, y, z = start.position
         for replicate in range(replicates):
-            draws = np.random.default_rng([study.seed, int(i), replicate]).standard_normal(3)
+            draws = np.random.default_rng([seed, i, replicate]).standard_normal(3)
             dx, dy, turn = (TIME_STEPS.place * draws).tolist()
             turned = multiply(yaw_quaternion(turn), start.orientation)
             out.append(
@@ -194,7 +255,10 @@ def _replicated(study: Study, step: float, replicates: int) -> list[Trial]:
 
 
 def _margins(
-    trials: list[Trial], threads: int | None, done: Callable[[int], None]
+    trials: list[Trial],
+    threads: int | None,
+    client: distributed.Client | None,
+    done: Callable[[int], None],
 ) -> tuple[Array, float]:
     """Margins, NaN where none lies within the range or a trial failed, and CPU time a trial [s]."""
     halving = 0
@@ -205,7 +269,7 @@ def _margins(
             replace(trial, motion=trial.motion.scaled(float(factor)))
             for trial, factor in zip(trials, np.exp(logs), strict=True)
         ]
-        found = run_batch(scaled, threads=threads, keep_logs=False)
+        found = run_batch(scaled, threads=threads, keep_logs=False, client=client)
         if found.provenance["interrupted"]:
             raise KeyboardInterrupt
         halving += 1
@@ -216,6 +280,5 @@ def _margins(
     ends = (-TIME_STEPS.reach, TIME_STEPS.reach)
     margin = seek_margins(overturns, (len(trials),), ends, TIME_STEPS.halvings)
     spent = (time.process_time() - began) / (len(trials) * TIME_STEPS.halvings)
-    width = 2 * TIME_STEPS.reach / 2**TIME_STEPS.halvings
-    beyond = np.abs(margin) > TIME_STEPS.reach - width
+    beyond = np.abs(margin) > TIME_STEPS.reach - _width()
     return np.where(beyond, np.nan, margin), spent

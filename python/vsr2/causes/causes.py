@@ -226,7 +226,7 @@ def find_causes(
         "corrected": stated,
         "not_stated": not_stated,
         **_not_looked_for(simulator, model.names),
-        "provenance": _rested_on(study, hypotheses, simulator) | work,
+        "provenance": _rested_on(study, hypotheses, simulator) | {**execution.notes, **work},
     }
     rng = np.random.default_rng([seed, MarginStream.CORRECTED])
     drawn = _drawn(study, model, posterior.particles, posterior_draws, rng)

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -193,8 +193,13 @@ def work_folder(folder: Path, own: Sequence[str], what: str, options: Again) -> 
         prepare_work_folder(folder, own, what, overwrite=options.overwrite, resume=options.resume)
 
 
-def execution(options: Work, client: distributed.Client | None, verb: str) -> Execution:
-    """How a verb of a diagnosis simulates, what it keeps, and how it reports progress."""
+def execution(
+    options: Work,
+    client: distributed.Client | None,
+    verb: str,
+    notes: Mapping[str, Any] | None = None,
+) -> Execution:
+    """How a verb of a diagnosis simulates, what it keeps and notes, and how it reports progress."""
     from vsr2.ensemble import Execution, ProtocolCache
     from vsr2.report.messages.progress_lines import ProgressLines
 
@@ -203,6 +208,7 @@ def execution(options: Work, client: distributed.Client | None, verb: str) -> Ex
         client,
         None if options.cache is None else ProtocolCache(options.cache),
         report=None if options.quiet else ProgressLines(verb),
+        notes={} if notes is None else notes,
     )
 
 

@@ -2,7 +2,10 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 from vsr2.cli import options as opt
+from vsr2.cli.chosen_step import extended_with_time_step
 
 
 def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
@@ -18,6 +21,7 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     """
     import logging
     import sys
+    from dataclasses import replace
 
     import numpy as np
     from tqdm import tqdm
@@ -31,6 +35,9 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
         save_calibration,
     )
     from vsr2.calibration import calibrate as search
+    from vsr2.calibration.calibration_study import campaign_folder
+    from vsr2.campaign import load_campaign
+    from vsr2.ensemble import campaign_step_trials
     from vsr2.report.calibration_page import write_calibration_report
     from vsr2.report.messages.commands import (
         baseline_table,
@@ -42,6 +49,10 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     loaded = load_calibration(study, overrides=options.set)
     folder = options.folder(loaded.study.name)
     prepare_calibration_folder(folder, overwrite=options.overwrite, resume=options.resume)
+    notes: dict[str, Any] = {}
+    if loaded.study.engine.time_step_tolerance is not None:
+        steps = campaign_step_trials(load_campaign(campaign_folder(loaded)))
+        loaded, notes = extended_with_time_step(loaded, steps, "calibrate", options)
     bar = tqdm(
         total=evaluations_at_most(loaded.own),
         unit="set",
@@ -60,6 +71,7 @@ def calibrate(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     except (CalibrationInterrupted, KeyboardInterrupt):
         print(f"vsr2: {interrupted_calibration(folder)}", file=sys.stderr)
         return 130
+    result = replace(result, provenance={**result.provenance, **notes})
     logging.getLogger(__name__).info(calibration_search(result))
     written = save_calibration(result, loaded, folder)
     if not options.no_figures:

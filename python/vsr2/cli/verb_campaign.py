@@ -5,13 +5,14 @@ from __future__ import annotations
 import dataclasses
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated
+from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import App, Parameter
 
 from vsr2.campaign import Campaign, MeasurementNoise
 from vsr2.campaign.campaign import MAX_NOISE
 from vsr2.cli import options as opt
+from vsr2.cli.chosen_step import with_time_step
 from vsr2.errors import CampaignError, ConfigError
 
 if TYPE_CHECKING:
@@ -137,20 +138,22 @@ def compare(
         seed: of the draws
     """
     from vsr2.campaign import load_campaign
-    from vsr2.ensemble import Hypotheses
+    from vsr2.ensemble import Hypotheses, campaign_step_trials
     from vsr2.ensemble.reference_campaign import compare_reference, reference_constants
     from vsr2.report.messages.commands import reference_table
 
-    study = opt.scene(scene, set)
+    campaign, running = load_campaign(folder), opt.StudyRun(threads=threads)
+    steps = campaign_step_trials(campaign)
+    study, notes = with_time_step(opt.scene(scene, set), steps, "campaign compare", running)
     found = compare_reference(
-        load_campaign(folder),
+        campaign,
         study,
         hypotheses=Hypotheses(nuisances=opt.nuisances(nuisance)),
         threads=threads,
         seed=seed,
     )
     if json:
-        opt.print_json({"constants": reference_constants(), "measures": found})
+        opt.print_json({**notes, "constants": reference_constants(), "measures": found})
     else:
         print(reference_table(found))
     return int(any(one.differs for one in found))
@@ -213,7 +216,7 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
     import numpy as np
 
     from vsr2.campaign import load_campaign
-    from vsr2.ensemble import Hypotheses
+    from vsr2.ensemble import Hypotheses, campaign_step_trials
     from vsr2.prediction import predict as predicted
     from vsr2.prediction.prediction import WORK_FILES
     from vsr2.report.messages.commands import prediction_table
@@ -222,18 +225,22 @@ def predict(scene: Path, folder: opt.Campaign, /, *, options: Predicting = PREDI
     campaign = load_campaign(folder)
     if scene.is_dir() and options.set:
         raise CampaignError(f"--set: changes one study, and {scene} is a folder; give one study")
-    scenes = scene if scene.is_dir() else opt.scene(scene, options.set)
+    study = None if scene.is_dir() else opt.scene(scene, options.set)
     if options.out is not None:
         opt.work_folder(options.out, WORK_FILES, "a prediction", options)
+    notes: dict[str, Any] = {}
+    if study is not None:
+        steps = campaign_step_trials(campaign)
+        study, notes = with_time_step(study, steps, "campaign predict", options)
     with opt.cluster(options.scheduler, options.threads) as client:
         found = predicted(
             campaign,
-            scenes,
+            scene if study is None else study,
             out=options.out,
             replicates=options.replicates,
             margins=options.margins,
             hypotheses=Hypotheses(nuisances=opt.nuisances(options.nuisance)),
-            execution=opt.execution(options, client, "campaign predict"),
+            execution=opt.execution(options, client, "campaign predict", notes),
             seed=options.seed,
         )
     if options.json:
@@ -283,7 +290,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     from vsr2.campaign import load_campaign
     from vsr2.causes import find_causes
     from vsr2.causes.causes import FILES
-    from vsr2.ensemble import Hypotheses
+    from vsr2.ensemble import Hypotheses, campaign_step_trials
     from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY
     from vsr2.report.causes_figure import write_causes_figure
     from vsr2.report.messages.commands import few_draws
@@ -296,6 +303,8 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
     study = opt.scene(scene, options.set)
     if options.out is not None:
         opt.work_folder(options.out, FILES, "a search for causes", options)
+    steps = campaign_step_trials(campaign)
+    study, notes = with_time_step(study, steps, "campaign causes", options)
     with opt.cluster(options.scheduler, options.threads) as client:
         found = find_causes(
             campaign,
@@ -309,7 +318,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
                 contact_family=() if options.one_contact_model else CONTACT_FAMILY,
             ),
             posterior_draws=options.posterior_draws,
-            execution=opt.execution(options, client, "campaign causes"),
+            execution=opt.execution(options, client, "campaign causes", notes),
             seed=options.seed,
         )
     if options.out is not None:
@@ -395,6 +404,7 @@ def simulate(
     from vsr2.report.messages.data import campaign_text
     from vsr2.report.messages.written import wrote
     from vsr2.results import Status, remove_result
+    from vsr2.simulation import study_trials
 
     if options.session_size is not None and options.session_size < 1:
         raise CampaignError(
@@ -404,8 +414,13 @@ def simulate(
     replace = options.overwrite or options.resume
     prepare_destination(out, overwrite=replace)
     checkpoint = out.with_name(f"{out.name}.checkpoint")
+    loaded, notes = with_time_step(loaded, study_trials, "campaign simulate", options)
     campaign = _simulated(loaded, out, checkpoint, options, noise)
-    campaign = dataclasses.replace(campaign, name=options.name or campaign.name)
+    campaign = dataclasses.replace(
+        campaign,
+        name=options.name or campaign.name,
+        provenance={**campaign.provenance, **notes},
+    )
     save_campaign(campaign, out, overwrite=replace)
     interrupted = bool(campaign.provenance.get("interrupted"))
     if not interrupted:

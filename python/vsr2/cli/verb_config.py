@@ -83,6 +83,8 @@ def _check_trials(study: StudyFile, first: Callable[[], object] | None = None) -
     from vsr2.errors import ConfigError, Vsr2Error
     from vsr2.simulation import check_trials, study_trials
 
+    # Where a tolerance chooses the time step, the default stands for it.
+    study = study.at_time_step(study.engine.time_step)
     try:
         if first is not None:
             first()
@@ -180,7 +182,8 @@ def time_step(
     much that strength changes, and the longest step that keeps a tolerance.
 
     Args:
-        tolerance: greatest change of the mean logarithm of that strength; 0.02 (2 %) by default
+        tolerance: greatest change of the mean logarithm of that strength; by default the study's
+            `engine.time_step_tolerance`, or 0.02 (2 %)
         replicates: slightly different starts of each motion; 2 by default
     """
     from dataclasses import asdict
@@ -192,7 +195,9 @@ def time_step(
     from vsr2.report.messages.commands import time_step_table
     from vsr2.report.messages.progress_lines import ProgressLines
 
-    tolerance = TIME_STEPS.tolerance if tolerance is None else tolerance
+    asked = scene(study, set)
+    if tolerance is None:
+        tolerance = asked.engine.time_step_tolerance or TIME_STEPS.tolerance
     replicates = TIME_STEPS.replicates if replicates is None else replicates
     if not 0 < tolerance < math.inf:
         raise ConfigError(f"--tolerance is {tolerance}; give a number above 0, as 0.02 for 2 %")
@@ -202,7 +207,7 @@ def time_step(
         lines(Progress(Stage.MARGINS, done / every))
 
     found = compare_time_steps(
-        scene(study, set),
+        asked,
         replicates=replicates,
         threads=threads,
         progress=progress,

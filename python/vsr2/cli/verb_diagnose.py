@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Annotated
 from cyclopts import Group, Parameter
 
 from vsr2.cli import options as opt
+from vsr2.cli.chosen_step import with_time_step
 from vsr2.cli.exclusive_options import one_of
 from vsr2.codes import Tier
 from vsr2.errors import ConfigError
@@ -123,6 +124,7 @@ def diagnose(
     from vsr2.diagnosis.corrected import check_draws
     from vsr2.diagnosis.iteration import WORK_FILES, Asked
     from vsr2.diagnosis.verdict.document import PAGE_FILE
+    from vsr2.ensemble import campaign_step_trials
     from vsr2.report.diagnosis_page import format_diagnosis
     from vsr2.report.messages.commands import iteration_table
     from vsr2.report.messages.written import wrote
@@ -134,12 +136,13 @@ def diagnose(
     measured, study = load_campaign(campaign).on_file(), opt.scene(scene, effort.set)
     (budget, tier), hypotheses = _budget(effort, question.tier), _hypotheses(question)
     opt.work_folder(out, WORK_FILES, "a diagnosis", effort)
+    study, notes = with_time_step(study, campaign_step_trials(measured), "diagnose", effort)
     with opt.cluster(effort.scheduler, effort.threads) as client:
         asked = Asked(
             tier=tier,
             budget=budget,
             hypotheses=hypotheses,
-            execution=opt.execution(effort, client, "diagnose"),
+            execution=opt.execution(effort, client, "diagnose", notes),
             seed=question.seed,
         )
 
@@ -226,15 +229,21 @@ def _check(
     campaign: Path, scene: Path, out: Path, question: QuestionOptions, effort: Effort
 ) -> int:
     """Planted campaigns against the posterior of a finished diagnosis."""
+    from vsr2.campaign import load_campaign
     from vsr2.coverage import check_posterior
+    from vsr2.ensemble import campaign_step_trials
     from vsr2.report.messages.posterior_checks import check_sentences
     from vsr2.report.messages.written import wrote
     from vsr2.report.posterior_check_figure import write_check_figure
 
+    measured = load_campaign(campaign)
+    study, _ = with_time_step(
+        opt.scene(scene, effort.set), campaign_step_trials(measured), "diagnose", effort
+    )
     with opt.cluster(effort.scheduler, effort.threads) as client:
         found = check_posterior(
-            campaign,
-            opt.scene(scene, effort.set),
+            measured,
+            study,
             out=out,
             planted=effort.check or 0,
             tier=question.tier,

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from vsr2.cli import options as opt
+from vsr2.cli.chosen_step import extended_with_time_step
 
 
 def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
@@ -15,7 +16,10 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     lognormal.csv are for hazard codes) and provenance.json. Finished trials are on disk at once:
     after an interruption --resume runs only the others. docs/how-to/fragility.md explains.
     """
+    from dataclasses import replace
+
     from vsr2.fragility import (
+        fragility_step_trials,
         is_fragility_finished,
         load_fragility,
         remove_old_tables,
@@ -27,6 +31,8 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     from vsr2.results import BatchResult, has_journal, prepare_folder, remove_journal
 
     loaded = load_fragility(study, overrides=options.set)
+    steps = fragility_step_trials(loaded)
+    loaded, notes = extended_with_time_step(loaded, steps, "fragility", options)
     folder = options.folder(loaded.study.name)
     if options.resume and not options.overwrite and is_fragility_finished(loaded, folder):
         return opt.nothing_to_do(folder, quiet=options.quiet)
@@ -39,6 +45,7 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
         )
     if isinstance(result, BatchResult):
         return opt.interrupted(result, folder)
+    result = replace(result, provenance={**result.provenance, **notes})
     written = save_fragility(result, folder, keep_journal=True)
     if not options.no_figures:
         written += write_fragility_report(result, folder)

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from cyclopts import Parameter
 
 from vsr2.cli import options as opt
+from vsr2.cli.chosen_step import with_time_step
+from vsr2.errors import ConfigError
 
 if TYPE_CHECKING:
     import distributed
@@ -43,21 +45,30 @@ def run(
     from vsr2.simulation import study_trials
 
     loaded = opt.scene(study, options.set)
+    if loaded.engine.time_step_tolerance is not None and (shard is not None or merge):
+        # On another kind of processor perhaps otherwise.
+        raise ConfigError(
+            "--shard, --merge: each part would choose a time step by engine.time_step_tolerance; "
+            "let `vsr2 config time-step` choose it once, and state engine.time_step"
+        )
+    loaded, notes = with_time_step(loaded, study_trials, "run", options)
     trials = study_trials(loaded)
     if dry_run:
         return _say_what_would_run(loaded.name, options, trials)
     if shard is not None:
         return _run_shard(shard, options, trials, options.folder(loaded.name))
     with opt.cluster(options.scheduler, options.threads) as client:
-        return _run_all(options, loaded, trials, merge, client)
+        return _run_all(options, loaded, trials, client, merge=merge, notes=notes)
 
 
 def _run_all(
     options: opt.StudyRun,
     study: Study,
     trials: Sequence[Trial],
-    merge: bool,
     client: distributed.Client | None,
+    *,
+    merge: bool,
+    notes: Mapping[str, Any],
 ) -> int:
     from dataclasses import replace
 
@@ -80,7 +91,7 @@ def _run_all(
     if finished and opt.has_all_logs(folder, npy=study.output.npy, remake=not merge):
         return opt.nothing_to_do(folder, quiet=options.quiet)
     scene = trials[0].scene
-    facts: dict[str, Any] = {"study": study.model_dump(mode="json")}
+    facts: dict[str, Any] = {"study": study.model_dump(mode="json"), **notes}
     if merge:
         facts["shards"] = merge_shards(trials, folder, overwrite=options.overwrite)
     else:

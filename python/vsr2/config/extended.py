@@ -5,7 +5,7 @@ from __future__ import annotations
 import copy
 import os
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
@@ -60,6 +60,13 @@ class ExtendedStudy(Generic[T]):
         given = ", ".join(f"{key} = {shown(value)}" for key, value in values.items())
         where = f"{self.label} with {given}" if label is None else label
         return build_study(data, self.base, label=where, check_files=False)
+
+    def at_time_step(self, step: float) -> ExtendedStudy[T]:
+        """The same with a time step [s], and no tolerance that chooses one."""
+        engine = {**self.mapping.get("engine", {}), "time_step": step}
+        engine.pop("time_step_tolerance", None)
+        mapping = {**self.mapping, "engine": engine}
+        return replace(self, study=self.study.at_time_step(step), mapping=mapping)
 
     def value(self, key: str) -> Plain:
         """The study's value at a dotted key, defaults included.

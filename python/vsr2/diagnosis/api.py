@@ -86,6 +86,7 @@ def diagnose(
         budget=budget,
         report=execution.report,
         provenance={
+            **execution.notes,
             "scene": study.name,
             "outcomes": outcomes_hash(seen.overturned),
             "scene_effects": study.effects,

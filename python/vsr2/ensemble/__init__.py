@@ -2,6 +2,7 @@
 
 from vsr2.ensemble.execution import Execution
 from vsr2.ensemble.protocol_cache import ProtocolCache
+from vsr2.ensemble.simulated.campaign_steps import campaign_step_trials
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
 from vsr2.ensemble.simulated.nuisances import (
     DEFAULT_NUISANCES,
@@ -31,5 +32,6 @@ __all__ = [
     "Scope",
     "Simulator",
     "Uniform",
+    "campaign_step_trials",
     "with_deviations",
 ]

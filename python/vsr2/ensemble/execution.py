@@ -6,7 +6,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
 from pathlib import Path
-from typing import TYPE_CHECKING, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
@@ -33,6 +33,7 @@ class Stage(StrEnum):
     JUDGEMENT = "judgement"
     WATERFALL = "waterfall"
     MARGINS = "margins"
+    TIME_STEP = "time_step"
     INFERENCE = "inference"
     PLANTED = "planted"
 
@@ -86,12 +87,14 @@ class Execution(OnlyGiven):
         cache: folder that diagnoses of several campaigns of the same trials share: simulate and
             train once.
         report: gets stage, share done, time left and leading effects as it goes on.
+        notes: for the provenance of what is found, such as how its time step was chosen.
     """
 
     threads: int | None = None
     client: distributed.Client | None = None
     cache: ProtocolCache | None = None
     report: Report | None = None
+    notes: Mapping[str, Any] = field(default_factory=dict)
 
     def __post_init__(self) -> None:
         if self.threads is not None and self.threads < 1:

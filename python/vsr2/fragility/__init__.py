@@ -1,6 +1,7 @@
 """Fragility: the probability of overturning as a function of ground-motion intensity."""
 
 from vsr2.fragility.fit import FitNote, FragilityFit, Lognormal, fit_fragility
+from vsr2.fragility.fragility_steps import fragility_step_trials
 from vsr2.fragility.fragility_tables import remove_old_tables, save_fragility
 from vsr2.fragility.run import FragilityResult, is_fragility_finished, run_fragility
 from vsr2.fragility.settings import (
@@ -23,6 +24,7 @@ __all__ = [
     "PlannedTrial",
     "fit_fragility",
     "fragility_schema",
+    "fragility_step_trials",
     "fragility_trials",
     "is_fragility_finished",
     "load_fragility",

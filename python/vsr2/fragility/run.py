@@ -116,7 +116,7 @@ def run_fragility(
         )
     asked, planned = fragility_trials(study)
     batch = run_batch(
-        _with_effects(study, asked, planned),
+        with_effects(study, asked, planned),
         threads=threads,
         progress=progress,
         keep_logs=False,
@@ -136,13 +136,13 @@ def is_fragility_finished(study: FragilityStudy, folder: str | Path) -> bool:
         ResultError: the folder holds a result that cannot be read.
     """
     plan = finished_plan(folder)
-    if not plan or plan != plan_sha256(_with_effects(study, *fragility_trials(study))):
+    if not plan or plan != plan_sha256(with_effects(study, *fragility_trials(study))):
         return False
     settings = load_result(folder, logs=False).provenance.get("fragility")
     return bool(settings == study.own.fragility.model_dump(mode="json"))
 
 
-def _with_effects(
+def with_effects(
     study: FragilityStudy, trials: list[Trial], planned: list[PlannedTrial]
 ) -> list[Trial]:
     """The trials with the study's effects in them.

@@ -261,6 +261,7 @@ def predict(
     found = Prediction(
         used, outcomes, scores, curve, sought,
         base_provenance(_native.build_facts()) | {
+            **execution.notes,
             "campaign": used.name,
             "trials": len(used),
             "left_out": len(given) - len(used),

@@ -53,7 +53,9 @@ def native_scene(scene: Scene) -> _native.Scene:
 
     Raises:
         SimulationError: values that no engine can use, or that the engine asked for does not take.
+        ConfigError: the engine's time step is still to be chosen.
     """
+    scene.engine.check_time_step()
     with _lock:
         if scene.sha256 not in _kept:
             _kept[scene.sha256] = _Kept(_built(scene), hull_points(scene))

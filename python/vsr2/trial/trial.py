@@ -177,7 +177,12 @@ class Trial(OneLine):
         output: Output,
         seed: int = 0,
     ) -> Trial:
-        """One with a study's drive, settling and rules of the outcome; effects are not in it."""
+        """One with a study's drive, settling and rules of the outcome; effects are not in it.
+
+        Raises:
+            ConfigError: the study's time step is still to be chosen.
+        """
+        study.engine.check_time_step()
         return cls(
             scene=scene,
             motion=motion,

@@ -130,9 +130,11 @@ def make_pack(
     Raises:
         BlindError: the folders hold another pack, lie within each other or cannot be made, the seed
             is negative, or an engine cannot simulate the scene.
+        ConfigError: the scene's time step is still to be chosen.
     """
     data = pack / "data"
     _check_asked(pack, data, key, seed)
+    study.engine.check_time_step()
     engines = {name: build_engine(name, study) for name in settings.engines}
     effects = _allowed(engines, settings)
     state = _begin(study, data, key, settings, seed)

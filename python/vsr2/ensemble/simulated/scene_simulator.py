@@ -124,7 +124,7 @@ class SceneSimulator:
         self._own_effects = SceneEffects(study)
         self._own_effects.check(self.nuisances)
         every = range(len(campaign.trials))
-        base = _base_trials(campaign, study, self._row, every)
+        base = base_trials(campaign, study, self._row, every)
         self._trials = [base[i] for i in every]
         moved = any(one.displacement is not None for one in campaign.motions.values())
         if moved and campaign.noise.displacement and not isinstance(study.motion, OF_RECORDS):
@@ -318,7 +318,7 @@ class SceneSimulator:
         out = list(self._trials)
         if replicate in self.variants:
             # Their motions are as large again, and few trials have a variant: none is kept.
-            varied = _base_trials(
+            varied = base_trials(
                 self._campaign, _variant(self._study, replicate), self._row, wanted
             )
             return [varied.get(i, trial) for i, trial in enumerate(out)]
@@ -407,7 +407,7 @@ def _variant(study: Study, replicate: int) -> Study:
     return study.model_copy(update={"engine": engine.model_copy(update=changes)})
 
 
-def _base_trials(
+def base_trials(
     campaign: Campaign, study: Study, row: float | None, wanted: Collection[int]
 ) -> dict[int, Trial]:
     """The wanted trials without effects; `row`: between rows of the series [s], None: no series."""

@@ -21,8 +21,8 @@ from vsr2.scene.notes import WARNINGS
 from vsr2.simulation.native_scenes import FAST_REFUSALS
 
 if TYPE_CHECKING:
+    from vsr2.analysis import TimeStepChoice, TimeStepError
     from vsr2.analysis.baseline import BaselineScore
-    from vsr2.analysis.time_steps import TimeStepError
     from vsr2.calibration import CalibrationResult
     from vsr2.diagnosis import Iteration
     from vsr2.effects import Effect, Parameter
@@ -341,6 +341,20 @@ def time_step_table(found: Sequence[TimeStepError], longest: float | None, toler
             f"--set engine.time_step={longest:g}"
         )
     return "\n".join(lines)
+
+
+def chosen_time_step(choice: TimeStepChoice) -> str:
+    """Which time step was chosen by a study's tolerance, and by what."""
+    step = f"time step {1e3 * choice.time_step:g} ms"
+    if not choice.kept:
+        return f"{step}, the default: none surely keeps the tolerance {choice.tolerance:g}"
+    own = next(one for one in choice.found if one.time_step == choice.time_step)
+    return (
+        f"{step}: the longest that surely keeps the tolerance {choice.tolerance:g}. Against "
+        f"{1e3 * choice.found[0].time_step:g} ms it changes the mean margin of "
+        f"{counted(own.motions, 'motion')} by {own.margin_change:+.4f} (standard error "
+        f"{own.standard_error:.4f})"
+    )
 
 
 def _size(size: float) -> str:

@@ -17,6 +17,7 @@ STAGES: Mapping[Stage, str] = {
     Stage.JUDGEMENT: "judging",
     Stage.WATERFALL: "judging causes one by one",
     Stage.MARGINS: "seeking margins",
+    Stage.TIME_STEP: "choosing the time step",
     Stage.INFERENCE: "inferring what acts",
     Stage.PLANTED: "planting campaigns",
 }
