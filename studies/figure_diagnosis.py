@@ -83,7 +83,9 @@ Points = dict[tuple[EngineName, str], list[Point]]
 def committed_rounds(results: Path = RESULTS) -> list[Path]:
     """Folders of the rounds that are drawn, in their order."""
     numbers = {
-        int(path.name.rsplit("_", 1)[1]): path for path in results.glob("blind_validation_*")
+        int(path.name.rsplit("_", 1)[1]): path
+        for check in ("validation", "other_engine")
+        for path in results.glob(f"blind_{check}_[0-9]*")
     }
     return [numbers[number] for number in sorted(numbers) if number >= FIRST_ROUND]
 

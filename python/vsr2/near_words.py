@@ -37,12 +37,17 @@ def near_words(
     return difflib.get_close_matches(word[: NEAR.longest], known, n=most, cutoff=alike)
 
 
+def peak(word: str) -> str:
+    """A word that begins with `max`, `largest` or the like, begun as here."""
+    return _LARGEST.sub("peak", word)
+
+
 def nearest(word: str, choices: Iterable[str]) -> str | None:
     """The choice that `word` most likely means; camelCase (as in ROS 2 files) is understood."""
     plain = {choice.replace("_", "").lower(): choice for choice in choices}
     word = word[: NEAR.longest].replace("_", "").lower()
     # `max_tilt_rad` is nearer to `tilt_rad`, a series, than to the largest tilt that it means.
-    near = near_words(_LARGEST.sub("peak", word), plain) or near_words(word, plain)
+    near = near_words(peak(word), plain) or near_words(word, plain)
     # A shorter word says less by its share of equal letters; its start and end say more.
     near = near or [name for name in plain if len(word) > 2 and name.startswith(word)]
     near = near or [

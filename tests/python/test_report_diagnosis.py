@@ -228,10 +228,10 @@ def test_where_nothing_is_found_it_is_said_what_the_numbers_mean(before, said) -
     verdict = CONTENT["verdict"] | {"kind": "none", "effects": [], "findings": []}
     gap = CONTENT["gap"] | {"effects": [], "before": estimate(before), "floor": estimate(0.11)}
     content = CONTENT | {"verdict": verdict, "gap": gap, "corrected": None}
-    content["conformal_set_90"] = ["none", "catch", "wear"]
+    content["conformal_set_90"] = ["none", "catch", "wear", "unknown"]
     found = Diagnosis(content, ROWS)
     for text in (format_diagnosis(found), diagnosis_page(found)):
-        assert "90 % set: none, catch, wear" in text
+        assert "90 % set: none, catch, wear, unknown" in text
         assert "holds what the data cannot exclude, here 2 effects." in text
         assert "a low probability that no effect acts is no sign of a gap" in text
         assert said in text

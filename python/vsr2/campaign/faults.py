@@ -8,11 +8,22 @@ import re
 import numpy as np
 
 from vsr2.config.problems import shown
+from vsr2.near_words import peak
 
 MAX_TEXT = 200
 """Of a name or a description [characters]."""
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
 _EXTRA = re.compile(r"x_[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
+
+_MEASURED = (
+    "overturned",
+    "pga_g",
+    "pgv_pga_s",
+    "peak_tilt_rad",
+    "final_yaw_rad",
+    "final_slip_m",
+)
+"""Columns of `trials.csv` that would be lost as extra ones."""
 
 
 def id_fault(value: object) -> str | None:
@@ -28,7 +39,13 @@ def id_fault(value: object) -> str | None:
 def extra_fault(value: object) -> str | None:
     """Why `value` is no name of an extra column; None: it is one."""
     if isinstance(value, str) and _EXTRA.match(value):
-        return None
+        meant = peak(value.removeprefix("x_").lower())
+        if meant not in _MEASURED:
+            return None
+        return (
+            f"{shown(value)} is an extra column, of which no diagnosis reads anything; call it "
+            f"{meant}, or remove it"
+        )
     return (
         f"{shown(value)} is no name of an extra column: `x_`, then letters, digits, `.`, `_` or "
         "`-`; rename it"

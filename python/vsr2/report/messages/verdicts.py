@@ -17,7 +17,7 @@ from vsr2.diagnosis.verdict.next_measurement import Instrument, MeasurementKind
 from vsr2.diagnosis.verdict.statements import LimitCode, ReasonCode, VerdictKind
 from vsr2.diagnosis.where.scan import LocationKind
 from vsr2.ensemble.observed.features import FeatureChannel, Phase
-from vsr2.ensemble.simulated.library import NONE
+from vsr2.ensemble.simulated.library import NONE, UNKNOWN
 from vsr2.errors import Fault, ResultError
 from vsr2.report.messages.templates import NO_BOUNDS, check_worded, written
 from vsr2.report.pages import environment, listed, plain
@@ -189,7 +189,7 @@ def nothing_found_note(content: Mapping[str, Any]) -> str:
     if VerdictKind(content["verdict"]["kind"]) is not VerdictKind.NONE:
         return ""
     before, floor = content["gap"]["before"]["value"], content["gap"]["floor"]["value"]
-    others = sum(name != NONE for name in content["conformal_set_90"])
+    others = sum(name not in (NONE, UNKNOWN) for name in content["conformal_set_90"])
     known = before is not None and floor is not None
     return _say("notes", "nothing_found", others=others, below=known and before < floor)
 
