@@ -249,7 +249,7 @@ def posterior(path: Path) -> bytes:
             alike=declared_alike(library),
             gap_free=columns,
             misfits=np.ones(3),
-            library_fit=LibraryFit(np.ones(4), np.ones(4), np.ones(3)),
+            library_fit=LibraryFit(np.ones(2), np.ones(6), np.ones(4), np.ones(3)),
             campaigns=150,
         ),
         path,

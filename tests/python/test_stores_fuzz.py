@@ -85,7 +85,7 @@ ARRAYS = {
     "bias 0 0": (None, "array bias 0 0 is missing"),
     "gap_free": (np.full((3, 4), np.inf), "array gap_free holds inf"),
     "misfits": (np.array([1, None], dtype=object), "allow_pickle=False"),
-    "library_fit_expected": (np.ones(5), r"has the shape \(5,\), wanted is \(4\)"),
+    "library_fit_expected": (np.ones(5), r"has the shape \(5,\), wanted is \(6\)"),
     "library_fit_errors": (np.ones(0), "array library_fit_errors is empty"),
     "residuals": (None, "array residuals is missing"),
     "rows friction": (np.array([0, 3]), r"rows friction holds 3 at \(1,\), wanted is from 0 to 2"),

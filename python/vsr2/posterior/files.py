@@ -200,7 +200,8 @@ def _checked(
         gap_free=arrays.numbers("gap_free", "plain", columns).astype(np.float32, copy=False),
         misfits=arrays.numbers("misfits", "misfits"),
         library_fit=LibraryFit(
-            arrays.numbers("library_fit_expected", len(library) + 2),
+            arrays.numbers("library_fit_sizes", 2),
+            arrays.numbers("library_fit_expected", len(library) + 4),
             arrays.numbers("library_fit_spread", len(library) + 2),
             arrays.numbers("library_fit_errors", "fits"),
         ),

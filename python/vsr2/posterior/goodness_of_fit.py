@@ -7,10 +7,10 @@ Stat. Soc. A 143, 1980):
 
 - against those without effect by its misfit, the mean square of standardised outcomes and features;
 - against all, with effects and without, by the part of its misfit that the discriminants of the
-  library do not reproduce. Some effects leave more than others. So what is left is compared with
-  what is expected by the posterior of what acts, as in a posterior predictive check (A. Gelman,
-  X.-L. Meng and H. Stern, "Posterior predictive assessment of model fitness via realized
-  discrepancies", Statistica Sinica 6, 1996).
+  library do not reproduce. Large misfits leave more than small ones, and some effects more than
+  others. So what is left is compared with what is expected of the misfit and the posterior of what
+  acts, as in a posterior predictive check (A. Gelman, X.-L. Meng and H. Stern, "Posterior
+  predictive assessment of model fitness via realized discrepancies", Statistica Sinica 6, 1996).
 """
 
 from __future__ import annotations
@@ -60,8 +60,8 @@ class LibraryFitConstants:
         penalty: of the squares of the coefficients of what is expected, in campaigns.
         spread_penalty: of those of its spread: the variance of the logarithm of a squared normal
             error, pi^2 / 2, over that of the effects' logarithms of variances, 0.5^2.
-        tiny: least part of a row's error that others do not tell; added to squares of errors before
-            their logarithm is taken.
+        tiny: least part of a row's error that others do not tell, and least width of the range of
+            sizes; added to squares of errors before their logarithm is taken.
     """
 
     penalty: float = 1.0
@@ -76,45 +76,50 @@ LIBRARY_FIT = LibraryFitConstants()
 class LibraryFit:
     """What the library is expected to leave unexplained of a campaign, and by how much it errs.
 
-    Coefficients are a constant, then those of the posterior probability of each effect and of a
-    cause outside, shape (effects + 2,).
-
     Attributes:
-        expected: coefficients of the logarithm of what is left.
-        spread: of the logarithm of its squared error.
+        sizes: least and greatest of the logarithms of misfits, shape (2,).
+        expected: coefficients of the logarithm of what is left: a constant, of the posterior
+            probability of each effect and of a cause outside, of the size and of its square, shape
+            (effects + 4,).
+        spread: those of the logarithm of its squared error, without the size, shape (effects + 2,).
         errors: of simulated campaigns, disturbed and held out, each predicted without itself, over
             their spread, rising, shape (n,).
     """
 
+    sizes: Array
     expected: Array
     spread: Array
     errors: Array
 
     @classmethod
-    def of(cls, unexplained: Array, acts: Array) -> LibraryFit:
+    def of(cls, size: Array, unexplained: Array, acts: Array) -> LibraryFit:
         """From simulated campaigns.
 
         Variances are by A. C. Harvey, "Estimating regression models with multiplicative
         heteroscedasticity", Econometrica 44, 1976.
 
         Args:
-            unexplained: logarithms of what is left of them, shape (n,).
+            size: logarithms of their misfits, shape (n,).
+            unexplained: of what is left of these, shape (n,).
             acts: posterior probability of each effect and of a cause outside, shape (n, effects
                 + 1).
         """
-        x = _with_constant(acts)
-        expected, errors = _regressed(x, unexplained, LIBRARY_FIT.penalty)
+        sizes, x = np.array([size.min(), size.max()]), _with_constant(acts)
+        terms = np.concatenate([x, _by_size(sizes, size)], axis=1)
+        expected, errors = _regressed(terms, unexplained, LIBRARY_FIT.penalty)
         squares = np.log(errors**2 + LIBRARY_FIT.tiny)
         spread, _ = _regressed(x, squares, LIBRARY_FIT.spread_penalty)
-        return cls(expected, spread, np.sort(errors / _deviation(x, spread)))
+        return cls(sizes, expected, spread, np.sort(errors / _deviation(x, spread)))
 
-    def probability(self, unexplained: Array, acts: Array) -> Array:
+    def probability(self, size: Array, unexplained: Array, acts: Array) -> Array:
         """Share of simulated campaigns that exceed what is expected of them at least as much.
 
         The observed one counts with them, so that no probability is 0.
 
         Args:
-            unexplained: logarithms of what is left of campaigns, shape (m,).
+            size: logarithms of misfits, shape (m,); beyond those of the simulated campaigns the
+                nearest of these counts.
+            unexplained: of what is left of these, shape (m,).
             acts: posterior probability of each effect and of a cause outside, shape (m, effects
                 + 1).
 
@@ -122,8 +127,16 @@ class LibraryFit:
             Shape (m,).
         """
         x = _with_constant(acts)
-        errors = (unexplained - x @ self.expected) / _deviation(x, self.spread)
+        terms = np.concatenate([x, _by_size(self.sizes, size)], axis=1)
+        errors = (unexplained - terms @ self.expected) / _deviation(x, self.spread)
         return tail_probability(errors, self.errors)
+
+
+def _by_size(sizes: Array, size: Array) -> Array:
+    """The place in the range of sizes, from 0 to 1, and its square, shape (n, 2)."""
+    least, most = sizes
+    place = (np.clip(size, least, most) - least) / max(most - least, LIBRARY_FIT.tiny)
+    return np.stack([place, place**2], axis=1)
 
 
 def _with_constant(acts: Array) -> Array:

@@ -232,16 +232,17 @@ class Summaries:
         sizes = [np.log((part**2).mean(axis=2) + SUMMARY.least_size) for part in (own, rest)]
         return np.concatenate([discriminants / self.deviation, *sizes, own.mean(axis=2)], axis=1)
 
-    def unexplained(self, summaries: Array) -> Array:
-        """Logarithms of the misfit that the discriminants do not reproduce, shape (n,).
-
-        Means over the channels.
+    def unexplained(self, summaries: Array) -> tuple[Array, Array]:
+        """Misfit of campaigns, and the part of it that the discriminants do not reproduce.
 
         Args:
             summaries: shape (n, summaries).
+
+        Returns:
+            Logarithms of both, means over the channels, each shape (n,).
         """
-        _, left, _ = np.split(summaries[:, len(self.deviation) :], 3, axis=1)
-        return np.asarray(left.mean(axis=1))
+        own, left, _ = np.split(summaries[:, len(self.deviation) :], 3, axis=1)
+        return own.mean(axis=1), left.mean(axis=1)
 
 
 def targets(campaigns: Campaigns, names: tuple[str, ...]) -> tuple[Array, NDArray[np.int64]]:

@@ -144,8 +144,9 @@ class Posterior:
         size = misfit(residuals)
         fit = 1.0 if size[0] <= self.excused else float(tail_probability(size, self.misfits)[0])
         acts = acting_probability(probability[None], self.sets)
-        left = self.summaries.unexplained(summaries)
-        library_fit = float(self.library_fit.probability(left, acts)[0])
+        library_fit = float(
+            self.library_fit.probability(*self.summaries.unexplained(summaries), acts)[0]
+        )
         said = decide(
             candidates(probability, self.sets, self.alike),
             self.levels.naming,
@@ -245,11 +246,11 @@ def train(
     refine = held_out.refinement(curves, found[-1], summaries.effect)
     judged = held_out_findings(outputs, truth, temperature, refine)
     # Of the copy that is judged.
-    left = summaries.unexplained(found[-1])
-    library_fit = LibraryFit.of(left, judged.acts[: len(campaigns)])
+    size, left = summaries.unexplained(found[-1])
+    library_fit = LibraryFit.of(size, left, judged.acts[: len(campaigns)])
     fits = (
         tail_probability(misfits[-1], gap_free_misfits)[judged.row],
-        library_fit.probability(left[judged.row], judged.acts),
+        library_fit.probability(size[judged.row], left[judged.row], judged.acts),
     )
     levels = calibrate(judged, truth, fits)
     _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
