@@ -14,7 +14,8 @@ EngineKind choose_engine(const Scene& scene);
 /// A world of the engine that choose_engine() names.
 std::unique_ptr<World> make_world(std::shared_ptr<const Scene> scene, Drive drive);
 
-/// The engine `parity`: a world that steps exactly as PyBullet does.
+/// The engine `parity`: a world that steps as PyBullet does, bit for bit where `createMultiBody` made
+/// its bodies.
 std::unique_ptr<World> make_bullet_world(std::shared_ptr<const Scene> scene, Drive drive);
 /// The engine `exact`: the same bits on every step, at about twice its speed.
 std::unique_ptr<World> make_exact_world(std::shared_ptr<const Scene> scene, Drive drive);
