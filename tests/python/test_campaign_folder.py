@@ -115,7 +115,6 @@ def test_without_the_column_motion_file_the_motion_names_it(folder):
         (1, "21,1", "21,1,5", "row 2: has 11 cells, the header 10"),
         (0, "x_peer", "peer", "row 1, column peer: is no column of the form; if it holds numbers"),
         (0, "x_peer", "x_", "row 1, column x_: 'x_' is no name of an extra column"),
-        (0, "x_peer", "x_max_tilt_rad", "of which no diagnosis reads anything; call it peak_tilt"),
         (0, "x_peer", "date", "row 1, column date: is there twice"),
         (0, "x_peer", "", "row 1: column 10 has the name ''"),
         (0, "overturned", "note", "row 1, column overturned: is missing"),
