@@ -22,7 +22,7 @@ from vsr2.causes.margins.simulated_scenes import SCENES
 from vsr2.config import dump_study
 from vsr2.effects import library
 from vsr2.ensemble import campaign_step_trials
-from vsr2.errors import ConfigError
+from vsr2.errors import ConfigError, ResultError
 from vsr2.fragility import fragility_step_trials, load_fragility
 from vsr2.simulation import Simulation, study_trials
 
@@ -367,6 +367,19 @@ def test_a_run_that_is_resumed_keeps_its_step(
     run("run", path, "--out", out, "--resume", "--no-figures", "--threads", 2)
     assert "nothing to do" in capsys.readouterr().out
     assert provenance(out)["plan_sha256"] == before
+
+
+@pytest.mark.parametrize("verb", ["run", "fragility"])
+def test_a_result_that_is_there_is_refused_before_a_step_is_chosen(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, verb: str
+) -> None:
+    made = fragile if verb == "fragility" else ran
+    path = written(tmp_path, "time_step: 0.002")
+    made(path, path, tmp_path / "out")
+    path.write_text(path.read_text().replace("time_step: 0.002", f"time_step_tolerance: {WIDE}"))
+    monkeypatch.setattr("vsr2.analysis.time_steps.run_batch", None)
+    with pytest.raises(ResultError, match="already holds a result"):
+        run(verb, path, "--out", tmp_path / "out", "--threads", 1)
 
 
 def test_a_verb_warns_where_no_step_keeps_the_tolerance(

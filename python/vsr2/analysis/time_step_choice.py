@@ -74,7 +74,7 @@ def choose_time_step(
         study: where it states no tolerance, it comes back as it is.
         trials_of: makes its trials, each of another motion; by default those of its own motions.
             :func:`vsr2.ensemble.campaign_step_trials` gives it for a campaign's,
-            :func:`vsr2.fragility.time_step_trials` for those of a fragility study.
+            :func:`vsr2.fragility.fragility_step_trials` for those of a fragility study.
         threads: as of :func:`vsr2.run_batch`; no result depends on it.
         client: as there.
         progress: called with batches done and all.

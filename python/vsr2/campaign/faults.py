@@ -7,6 +7,7 @@ import re
 
 import numpy as np
 
+from vsr2.campaign.columns import NUMBER_COLUMNS
 from vsr2.config.problems import shown
 from vsr2.near_words import peak
 
@@ -14,16 +15,6 @@ MAX_TEXT = 200
 """Of a name or a description [characters]."""
 _ID = re.compile(r"[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
 _EXTRA = re.compile(r"x_[A-Za-z0-9][A-Za-z0-9._-]{0,99}\Z")
-
-_MEASURED = (
-    "overturned",
-    "pga_g",
-    "pgv_pga_s",
-    "peak_tilt_rad",
-    "final_yaw_rad",
-    "final_slip_m",
-)
-"""Columns of `trials.csv` that would be lost as extra ones."""
 
 
 def id_fault(value: object) -> str | None:
@@ -40,7 +31,7 @@ def extra_fault(value: object) -> str | None:
     """Why `value` is no name of an extra column; None: it is one."""
     if isinstance(value, str) and _EXTRA.match(value):
         meant = peak(value.removeprefix("x_").lower())
-        if meant not in _MEASURED:
+        if meant not in ("overturned", *NUMBER_COLUMNS.values()):
             return None
         return (
             f"{shown(value)} is an extra column, of which no diagnosis reads anything; call it "

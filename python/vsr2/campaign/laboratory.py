@@ -21,11 +21,11 @@ from vsr2.campaign.campaign import (
     Specimen,
     trial_faults,
 )
+from vsr2.campaign.columns import NUMBER_COLUMNS
 from vsr2.campaign.faults import extra_fault
 from vsr2.campaign.file_problems import Problems
 from vsr2.campaign.save import save_campaign
 from vsr2.campaign.table import Cells, Row, read_table
-from vsr2.campaign.trials_table import NUMBER_COLUMNS
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError
 from vsr2.motion import Record, read_record

@@ -18,6 +18,7 @@ from vsr2.campaign.campaign import (
     Specimen,
     trial_faults,
 )
+from vsr2.campaign.columns import NUMBER_COLUMNS
 from vsr2.campaign.description import FILE, Description
 from vsr2.campaign.faults import extra_fault
 from vsr2.campaign.file_problems import Problems
@@ -31,14 +32,6 @@ MOTIONS = "motions"
 """Folder of the files that the column `motion_file` names."""
 
 _REQUIRED = ("trial", "motion", "session", "order", "specimen", "overturned")
-NUMBER_COLUMNS = {
-    "peak_tilt": "peak_tilt_rad",
-    "final_yaw": "final_yaw_rad",
-    "final_slip": "final_slip_m",
-    "pga_g": "pga_g",
-    "pgv_pga_s": "pgv_pga_s",
-}
-"""Columns of numbers by the attribute of a trial."""
 _COLUMNS = {
     name: NUMBER_COLUMNS.get(name, name)
     for name in (

@@ -31,9 +31,13 @@ def fragility(study: opt.Study, /, *, options: opt.StudyRun = opt.RUN) -> int:
     from vsr2.results import BatchResult, has_journal, prepare_folder, remove_journal
 
     loaded = load_fragility(study, overrides=options.set)
+    folder = options.folder(loaded.study.name)
+    chooses = loaded.study.engine.time_step_tolerance is not None
+    if chooses and not (options.overwrite or options.resume):
+        # Refused before the comparison, which takes a while.
+        prepare_folder(folder)
     steps = fragility_step_trials(loaded)
     loaded, notes = extended_with_time_step(loaded, steps, "fragility", options)
-    folder = options.folder(loaded.study.name)
     if options.resume and not options.overwrite and is_fragility_finished(loaded, folder):
         return opt.nothing_to_do(folder, quiet=options.quiet)
     prepare_folder(folder, overwrite=options.overwrite, resume=options.resume)

@@ -42,15 +42,20 @@ def run(
         merge: make one result of all shards in OUT; runs nothing
         dry_run: say what would run, how long and how large; writes nothing, times one trial
     """
+    from vsr2.results import prepare_folder
     from vsr2.simulation import study_trials
 
     loaded = opt.scene(study, options.set)
-    if loaded.engine.time_step_tolerance is not None and (shard is not None or merge):
+    chooses = loaded.engine.time_step_tolerance is not None
+    if chooses and (shard is not None or merge):
         # On another kind of processor perhaps otherwise.
         raise ConfigError(
             "--shard, --merge: each part would choose a time step by engine.time_step_tolerance; "
             "let `vsr2 config time-step` choose it once, and state engine.time_step"
         )
+    if chooses and not (options.overwrite or options.resume or dry_run):
+        # Refused before the comparison, which takes a while.
+        prepare_folder(options.folder(loaded.name))
     loaded, notes = with_time_step(loaded, study_trials, "run", options)
     trials = study_trials(loaded)
     if dry_run:

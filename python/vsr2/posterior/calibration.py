@@ -186,8 +186,7 @@ def held_out_findings(
     """
     if temperature is None:
         temperature = best_temperature(held_out, truth)
-    sets = truth.sets
-    row = np.concatenate([np.arange(len(truth.index)), np.flatnonzero(truth.acting.any(axis=1))])
+    sets, row = truth.sets, truth.judged
     out = HeldOutFindings(
         temperature, row, [], np.zeros((row.size, len(sets.names) + 2)),
         np.zeros((row.size, len(sets.names) + 1)),

@@ -411,7 +411,7 @@ class _HeldOut:
             effect: index of the effect of each discriminant, -1 of a nuisance, shape (targets,).
         """
         truth = self.truth
-        row = np.concatenate([np.arange(len(self.fold)), np.flatnonzero(truth.acting.any(axis=1))])
+        row = truth.judged
 
         def refine(rows: slice, probability: Array) -> Array:
             if not curves:

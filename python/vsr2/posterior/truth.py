@@ -74,6 +74,11 @@ class Truth:
         shares = np.array([max(float((count == k).mean()), 1e-9) for k in range(len(wanted))])
         return cls(sets, index, acting, (wanted / shares)[count], declared_alike(library))
 
+    @property
+    def judged(self) -> NDArray[np.int64]:
+        """Index of all campaigns, then of those in which some act, which are judged twice."""
+        return np.concatenate([np.arange(len(self.index)), np.flatnonzero(self.acting.any(axis=1))])
+
     def without(self, rng: np.random.Generator, rows: NDArray[np.int64]) -> tuple[Bools, Bools]:
         """Effects that the library has for each campaign, and whether it lacks the cause.
 
