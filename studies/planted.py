@@ -183,7 +183,7 @@ class Rehearsal:
         """Trained for a tier, on the first so many campaigns; None: on all."""
         count = len(self._campaigns) if campaigns is None else campaigns
         if (tier, count) not in self._trained:
-            own = self._plain.joined(first(self._campaigns, count))
+            own = self._plain.joined(chosen(self._campaigns, np.arange(count)))
             library = self.cache.simulator.library
             self._trained[tier, count] = train(
                 self.at(tier), own, library, self.trials, seed=self._seed
@@ -216,13 +216,13 @@ class Rehearsal:
         return posterior.infer(seen.overturned[kept], seen.features[kept], excluded)
 
 
-def first(campaigns: Campaigns, count: int) -> Campaigns:
-    """The first so many campaigns."""
+def chosen(campaigns: Campaigns, rows: NDArray[np.int64]) -> Campaigns:
+    """Some campaigns, by their indices."""
     series = campaigns.features
     return Campaigns(
-        campaigns.sets[:count],
-        campaigns.nuisances[:count],
-        campaigns.overturned[:count],
-        campaigns.peak_tilt[:count],
-        None if series is None else series[:count],
+        tuple(campaigns.sets[k] for k in rows),
+        campaigns.nuisances[rows],
+        campaigns.overturned[rows],
+        campaigns.peak_tilt[rows],
+        None if series is None else series[rows],
     )

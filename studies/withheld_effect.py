@@ -5,13 +5,14 @@
 
 A campaign that excludes an effect tells the diagnosis so. Its posterior was trained on simulated
 campaigns of that effect, which it learned to call outside of the library. A rock has causes that
-nobody has simulated. So each effect is withheld in two ways from diagnoses of planar blocks
-(Housner's equation) whose cause it is: *excluded*, as packs of blind checks do it, and *unknown*,
-by a posterior whose library and training campaigns never had it.
+nobody has simulated. So each effect, with those of its class, which push a block as it does, is
+withheld in two ways from diagnoses of planar blocks (Housner's equation) whose cause it is:
+*excluded*, as packs of blind checks do it, and *unknown*, by a posterior whose library and training
+campaigns never had it.
 
 Writes one row an effect and way: number of planted campaigns with the effect alone, of two
 detection limits or more; the mean probability of a cause outside, of campaigns with the effect and
-of those with others; the area under the curve (AUROC) by which the first exceeds the second; shares
+of those without; the area under the curve (AUROC) by which the first exceeds the second; shares
 of campaigns with the effect that are said to be unknown, and that get a name, which is wrong.
 """
 
@@ -25,8 +26,11 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
+from diagnosis_planar import class_of
+from planar.planar_library import PLANAR_LIBRARY
 from planar.planar_simulator import PlanarSimulator
-from planted import Rehearsal, shaken_campaign
+from planted import Rehearsal, chosen, shaken_campaign
+from vsr2.campaign import TIERS
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.campaigns import Campaigns, simulate_campaigns
 from vsr2.posterior.naming import VerdictKind
@@ -37,26 +41,21 @@ EFFECTS = ("catch", "com_offset", "inertia", "restitution", "table_gain", "wear"
 STRONG = 2.0
 """Size from which an effect is strong [detection limits]."""
 OTHERS = 400
-"""Campaigns with no effect or others that are held against them."""
+"""Campaigns without the effect and its class that are held against them."""
 
 
-def without(campaigns: Campaigns, name: str) -> Campaigns:
-    """Those in which an effect does not act."""
-    rows = [k for k, acting in enumerate(campaigns.sets) if all(a.name != name for a in acting)]
-    series = campaigns.features
-    return Campaigns(
-        tuple(campaigns.sets[k] for k in rows),
-        campaigns.nuisances[rows],
-        campaigns.overturned[rows],
-        campaigns.peak_tilt[rows],
-        None if series is None else series[rows],
+def without(campaigns: Campaigns, names: Collection[str]) -> NDArray[np.int64]:
+    """Indices of those in which none of some effects acts."""
+    return np.array(
+        [k for k, acting in enumerate(campaigns.sets) if not {a.name for a in acting} & set(names)],
+        dtype=np.int64,
     )
 
 
 def judged(
     way: str, name: str, inferred: tuple[Sequence[Found], Sequence[Found]]
 ) -> dict[str, Any]:
-    """One row: of campaigns that have the effect, and of those that have none or another."""
+    """One row: of campaigns that have the effect, and of those without its class."""
     from scipy.stats import mannwhitneyu
 
     own, others = (np.array([float(one.probability[-1]) for one in part]) for part in inferred)
@@ -76,10 +75,10 @@ def judged(
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("--effects", nargs="+", default=EFFECTS)
+    parser.add_argument("--effects", nargs="+", default=EFFECTS, choices=sorted(PLANAR_LIBRARY))
     parser.add_argument("--campaigns", type=int, default=2000)
-    parser.add_argument("--planted", type=int, default=2000)
-    parser.add_argument("--tier", default="M")
+    parser.add_argument("--planted", type=int, default=6000)
+    parser.add_argument("--tier", default="M", choices=TIERS)
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--out", type=Path, default=Path("out/withheld_effect.csv"))
     options = parser.parse_args()
@@ -97,7 +96,19 @@ def main() -> None:
     noise = np.random.default_rng(options.seed)
     features = seen.noted(planted.overturned, planted.peak_tilt, planted.features, noise)
     library = rehearsal.cache.simulator.library
-    alone = [acting[0] if len(acting) == 1 else None for acting in planted.sets]
+    strong = {
+        name: np.array(
+            [
+                k
+                for k, acting in enumerate(planted.sets)
+                if [one.name for one in acting] == [name] and acting[0].size >= STRONG
+            ],
+            dtype=np.int64,
+        )
+        for name in options.effects
+    }
+    if rare := [name for name, rows in strong.items() if not rows.size]:
+        parser.error(f"--effects {rare[0]}: is strong and alone in no planted campaign; plant more")
 
     def infer(
         posterior: Posterior, rows: NDArray[np.int64], excluded: Collection[str] = ()
@@ -105,24 +116,20 @@ def main() -> None:
         return [posterior.infer(planted.overturned[k], features[k], excluded) for k in rows]
 
     table: list[dict[str, Any]] = []
-    for name in options.effects:
-        has = np.array([one is not None and one.name == name for one in alone])
-        strong = np.array([one is not None and one.size >= STRONG for one in alone])
-        other = np.array([all(a.name != name for a in acting) for acting in planted.sets])
-        if not (has & strong).any():
-            parser.error(
-                f"--effects {name}: no planted campaign has it alone and strong; plant more"
-            )
-        groups = np.flatnonzero(has & strong), np.flatnonzero(other)[:OTHERS]
-        excluding, unaware = rehearsal.posterior(options.tier), train(
-            seen, without(rehearsal.campaigns, name),
-            {key: one for key, one in library.items() if key != name},
-            rehearsal.trials, seed=options.seed,
-        )  # fmt: skip
-        strong_ones, others = groups
-        excluding_it = infer(excluding, strong_ones, (name,)), infer(excluding, others, (name,))
-        unaware_of_it = infer(unaware, strong_ones), infer(unaware, others)
-        table += [judged("excluded", name, excluding_it), judged("unknown", name, unaware_of_it)]
+    for name, own_rows in strong.items():
+        lacking = class_of(name)
+        others = without(planted, lacking)[:OTHERS]
+        excluding = rehearsal.posterior(options.tier)
+        unaware = train(
+            seen,
+            chosen(rehearsal.campaigns, without(rehearsal.campaigns, lacking)),
+            {key: one for key, one in library.items() if key not in lacking},
+            rehearsal.trials,
+            seed=options.seed,
+        )
+        by_excluding = infer(excluding, own_rows, lacking), infer(excluding, others, lacking)
+        by_unaware = infer(unaware, own_rows), infer(unaware, others)
+        table += [judged("excluded", name, by_excluding), judged("unknown", name, by_unaware)]
         print(csv_text(table[-2:], ".3g"), flush=True)
         write_text(options.out, csv_text(table, ".3g"))
 

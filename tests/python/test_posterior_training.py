@@ -10,7 +10,7 @@ from threadpoolctl import threadpool_limits
 
 from diagnosis_samples import NAMES, linear, linear_rehearsal, quick_training
 from planar.planar_library import PLANAR_LIBRARY
-from planted import first
+from planted import chosen
 from vsr2.ensemble.observed.observations import Observations
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.campaigns import Acting, Campaigns, simulate_campaigns
@@ -361,7 +361,7 @@ def test_pairs_are_distinguished_from_single_effects(trained) -> None:
 def small_training(trained, seed=0):
     """On a part of the campaigns."""
     rehearsal = trained.rehearsal
-    few = first(rehearsal._plain.joined(rehearsal._campaigns), 200)
+    few = chosen(rehearsal._plain.joined(rehearsal._campaigns), np.arange(200))
     return train(trained.seen, few, linear().library, rehearsal.trials, seed=seed)
 
 
