@@ -6,9 +6,7 @@
 One schedule of trials is looked at and simulated once; posteriors are trained on the first 500,
 2,000 and 8,000 simulated campaigns. Planted campaigns come from the same prior over sets (none,
 one, two; magnitudes log-uniform in detection limits), but from a simulator whose draws of nuisances
-the diagnosis does not know. Each campaign with one effect of a detection limit or more is inferred
-twice more: by a library that lacks the effect's class, so that its cause is unknown, and by one
-that lacks another class (a decoy), as which the unknown ones must not merely look.
+the diagnosis does not know. Causes that it cannot know are those of `withheld_effect.py`.
 
 Writes `campaigns.csv`, one row a planted campaign, tier and number of simulated campaigns, and
 `table.csv`, one row a tier and number, as committed in docs/results/diagnosis_planar. Detection
@@ -57,8 +55,6 @@ CLASSES = (
     ("wear", "change_point"),
 )
 NAMED = ("effect", "class", "pair")
-DECOY = "decoy"
-"""Kind of a campaign whose cause is in a library that lacks something else."""
 FIRST = 100_000
 """Number of the first planted campaign."""
 SIGNAL_DRAWS = range(1, 17)
@@ -108,7 +104,7 @@ def row_of(found: Found, posterior: Posterior, kind: str, acting: Sequence[Actin
     names, sets = posterior.sets.names, posterior.sets
     p = by_class(found.probability, posterior)
     groups = {class_of(one.name)[0] for one in acting}
-    true = {kind} if kind in (NONE, UNKNOWN) else groups
+    true = {NONE} if kind == NONE else groups
     effects = {group: value for group, value in p.items() if group not in (NONE, UNKNOWN)}
     top = max(p, key=lambda group: p[group])
     labels = (NONE, *names, UNKNOWN)
@@ -127,7 +123,7 @@ def row_of(found: Found, posterior: Posterior, kind: str, acting: Sequence[Actin
         "limits": min((one.size for one in acting), default=0.0),
         "verdict": str(said.kind),
         "named": " ".join(names[e] for e in said.effects),
-        "right": int(kind not in (NONE, UNKNOWN) and not_wrong(str(said.kind), named, groups)),
+        "right": int(kind != NONE and not_wrong(str(said.kind), named, groups)),
         "both": int(str(said.kind) == "pair" and named == groups),
         "lead": int(max(effects, key=lambda group: effects[group]) in true),
         "answer": int(top in true),
@@ -205,18 +201,15 @@ def table(rows: list[Row]) -> list[Row]:
 
 def scores(rows: list[Row]) -> Row:
     """Of the campaigns of one posterior."""
-    single, none, pair, unknown = (
-        [row for row in rows if row["kind"] == kind] for kind in ("single", NONE, "pair", UNKNOWN)
+    single, none, pair = (
+        [row for row in rows if row["kind"] == kind] for kind in ("single", NONE, "pair")
     )
     strong = [row for row in single if row["limits"] >= STRONG]
     weak = [row for row in single if 1 <= row["limits"] < STRONG]
     by_outcomes = [row for row in single if row["outcome_signal"] >= 2 * LOOK.signal]
     pair_1, pair_2 = ([row for row in pair if row["limits"] >= least] for least in (1, STRONG))
     stated = single + none
-    others = np.array([row["p_unknown"] for row in rows if row["kind"] == DECOY])
-    outside = np.array([row["p_unknown"] for row in unknown])
-    limit = float(np.quantile(others, 0.95)) if others.size else float("nan")
-    spoken = [row for row in single + none + unknown if row["verdict"] in NAMED]
+    spoken = [row for row in stated if row["verdict"] in NAMED]
     return {
         "singles": len(single),
         "strong": len(strong),
@@ -234,7 +227,7 @@ def scores(rows: list[Row]) -> Row:
         "covered": _mean(row["covered"] for row in stated),
         "covered_pairs": _mean(row["covered"] for row in pair),
         "set_size": _median(row["set_size"] for row in stated),
-        "calibration_error": _calibration([none, single, pair, unknown]),
+        "calibration_error": _calibration([none, single, pair]),
         "error_strong": _median(row["error"] for row in strong),
         "inside": _mean(row["inside"] for row in single),
         "strong_of_pairs": sum(row["strong_of_pair"] for row in pair),
@@ -252,11 +245,7 @@ def scores(rows: list[Row]) -> Row:
         "pairs_2": len(pair_2),
         "pairs_2_both": _mean(row["both"] for row in pair_2),
         "pairs_log_loss": _log_loss(pair_1),
-        "unknowns": len(unknown),
-        "unknown_auroc": _mean((others < p).mean() + 0.5 * (others == p).mean() for p in outside),
-        "unknown_at_5": _mean(p > limit for p in outside),
-        "unknown_said": _mean(row["verdict"] == UNKNOWN for row in unknown),
-        "unknown_named": _mean(row["verdict"] in NAMED for row in unknown),
+        "called_unknown": _mean(row["verdict"] == UNKNOWN for row in single),
     }
 
 
@@ -283,11 +272,11 @@ def _calibration(kinds: Sequence[list[Row]]) -> float:
     """Expected calibration error of the most probable class, kinds weighted as in the prior.
 
     Args:
-        kinds: campaigns without effect, with one, with two, and with a cause outside the library.
+        kinds: campaigns without effect, with one, with two.
     """
     if not all(kinds):
         return float("nan")
-    prior = (PRIOR.none, PRIOR.one, PRIOR.two, PRIOR.outside)
+    prior = (PRIOR.none, PRIOR.one, PRIOR.two)
     stated = np.array([[row["p_top"], row["answer"]] for rows in kinds for row in rows])
     weight = np.repeat(
         [p / len(rows) for p, rows in zip(prior, kinds, strict=True)], [*map(len, kinds)]
@@ -331,7 +320,6 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
         truth, rehearsal.look, rehearsal.trials, numbers, seed=options.seed + 5
     )
     changed = changes(truth, planted, rehearsal.trials, numbers)
-    rng = np.random.default_rng([options.seed, 6])
     signals = [
         outcome_signal(truth, acting, rehearsal.trials) if acting else 0.0
         for acting in planted.sets
@@ -356,13 +344,6 @@ def measure(rehearsal: Rehearsal, truth: SimulationCache, options: argparse.Name
                 if kind == "pair":
                     row |= magnitudes_together(found, posterior, acting)
                 rows.append(row)
-                if kind != "single" or acting[0].size < 1:
-                    continue
-                own = class_of(acting[0].name)
-                other = rng.choice([n for n in posterior.sets.names if n not in own])
-                for label, lacking in ((UNKNOWN, own), (DECOY, class_of(other))):
-                    found = posterior.infer(planted.overturned[i], noted[i], lacking)
-                    rows.append(place | row_of(found, posterior, label, acting))
             print(table(rows)[-1], flush=True)
             write(options.out / "campaigns.csv", rows)
             write(options.out / "table.csv", table(rows))

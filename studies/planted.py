@@ -158,7 +158,7 @@ class Rehearsal:
         # Any outcomes will do: training reads none, and the tier decides what else counts.
         self._seen = observe_campaign(blank, "M")
         self._seed = seed
-        self._trained: dict[tuple[Tier, int], Posterior] = {}
+        self._trained: dict[tuple[Tier, int, frozenset[str]], Posterior] = {}
         self.cache = SimulationCache(simulator, cache, chunk=8192)
         self.look = look(self.cache, len(campaign), seed=seed)
         self.trials = self.look.spread(trials or len(campaign))
@@ -179,16 +179,18 @@ class Rehearsal:
         )
         return replace(self._seen, tier=tier, measured=measured)
 
-    def posterior(self, tier: Tier, campaigns: int | None = None) -> Posterior:
-        """Trained for a tier, on the first so many campaigns; None: on all."""
+    def posterior(
+        self, tier: Tier, campaigns: int | None = None, *, excluded: Collection[str] = ()
+    ) -> Posterior:
+        """Trained for a tier, on the first so many campaigns, None: all, without some effects."""
         count = len(self._campaigns) if campaigns is None else campaigns
-        if (tier, count) not in self._trained:
-            own = self._plain.joined(chosen(self._campaigns, np.arange(count)))
-            library = self.cache.simulator.library
-            self._trained[tier, count] = train(
-                self.at(tier), own, library, self.trials, seed=self._seed
-            )
-        return self._trained[tier, count]
+        key = tier, count, frozenset(excluded)
+        if key not in self._trained:
+            own = self._plain.joined(self._campaigns.chosen(np.arange(count)))
+            known = self.cache.simulator.library
+            library = {name: one for name, one in known.items() if name not in excluded}
+            self._trained[key] = train(self.at(tier), own, library, self.trials, seed=self._seed)
+        return self._trained[key]
 
     def observed(
         self,
@@ -211,18 +213,6 @@ class Rehearsal:
         self, seen: Observations, *, campaigns: int | None = None, excluded: Collection[str] = ()
     ) -> Found:
         """The posterior of one campaign."""
-        posterior = self.posterior(seen.tier, campaigns)
+        posterior = self.posterior(seen.tier, campaigns, excluded=excluded)
         kept = self.trials
-        return posterior.infer(seen.overturned[kept], seen.features[kept], excluded)
-
-
-def chosen(campaigns: Campaigns, rows: NDArray[np.int64]) -> Campaigns:
-    """Some campaigns, by their indices."""
-    series = campaigns.features
-    return Campaigns(
-        tuple(campaigns.sets[k] for k in rows),
-        campaigns.nuisances[rows],
-        campaigns.overturned[rows],
-        campaigns.peak_tilt[rows],
-        None if series is None else series[rows],
-    )
+        return posterior.infer(seen.overturned[kept], seen.features[kept])

@@ -18,7 +18,7 @@ from scipy.special import log_softmax
 
 from vsr2.posterior.network import NETWORK, train_network
 from vsr2.posterior.sets import Sets
-from vsr2.posterior.training import TRAINING
+from vsr2.posterior.within_library import TRAINING
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -96,21 +96,14 @@ Form = Callable[[Labelled, Labelled, int], Says]
 
 
 def package(train: Labelled, held: Labelled, seed: int) -> Says:
-    """The network of a diagnosis, over none, single effects and an outside that never occurs."""
+    """The network of a diagnosis, over none and single effects."""
     sets = Sets(tuple(str(k) for k in range(1, train.labels)), 1)
 
-    def allowed(n: int) -> NDArray[np.bool_]:
-        return np.ones((n, train.labels - 1), dtype=bool)
-
-    def batches(draw: np.random.Generator) -> tuple[Array, NDArray[np.bool_], Rows, Array]:
-        inputs, label, weight = train.drawn(draw)
-        return inputs, allowed(label.size), label, weight
-
-    judged = (held.inputs[1], allowed(held.label.size), held.label, held.weight)
-    network = train_network(sets, batches, judged, np.random.default_rng(seed))
+    judged = (held.inputs[1], held.label, held.weight)
+    network = train_network(sets, train.drawn, judged, np.random.default_rng(seed))
 
     def says(inputs: Array) -> Array:
-        found = network.log_probability(inputs, allowed(len(inputs)))[:, :-1]
+        found = network.log_probability(inputs)[:, :-1]
         return np.asarray(log_softmax(found, axis=1))
 
     return says

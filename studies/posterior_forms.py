@@ -52,8 +52,9 @@ from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.posterior.calibration import CALIBRATED, pooled
 from vsr2.posterior.discrepancy import Disturbance
 from vsr2.posterior.summaries import SUMMARY, Standards, fit_summaries, targets
-from vsr2.posterior.training import TRAINING, network_inputs, training_features
+from vsr2.posterior.training import training_features
 from vsr2.posterior.truth import PRIOR
+from vsr2.posterior.within_library import TRAINING
 
 Array = NDArray[np.float64]
 Rows = NDArray[np.int64]
@@ -259,10 +260,8 @@ def diagnosed(rehearsal: Rehearsal, planted: Campaigns, tier: Any, seed: int) ->
     noise = np.random.default_rng(seed)
     noted = seen.noted(planted.overturned, planted.peak_tilt, planted.features, noise)
     residuals = posterior.standard.residuals(planted.overturned, np.asarray(noted, np.float64))
-    allowed = np.ones((len(planted), len(posterior.sets.names)), dtype=bool)
-    inputs = network_inputs(posterior, posterior.summaries(residuals), allowed)
-    logs = np.stack([one.log_probability(inputs, allowed) for one in posterior.networks])
-    found = pooled(logs, posterior.levels.temperature)[:, : 1 + allowed.shape[1]]
+    summaries = posterior.within.summaries(residuals)
+    found = posterior.within.pooled(summaries)[:, : 1 + len(posterior.sets.names)]
     return np.asarray(logarithm(found / found.sum(axis=1, keepdims=True)))
 
 

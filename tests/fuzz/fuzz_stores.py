@@ -205,12 +205,14 @@ def posterior(path: Path) -> bytes:
     from vsr2.posterior.calibration import Levels
     from vsr2.posterior.effect_curves import Curves
     from vsr2.posterior.files import save_posterior
-    from vsr2.posterior.goodness_of_fit import LibraryFit
     from vsr2.posterior.network import Network
+    from vsr2.posterior.outside import Outside
     from vsr2.posterior.parameters import Parameters
+    from vsr2.posterior.second_cause import SecondCause
     from vsr2.posterior.sets import Sets, declared_alike
     from vsr2.posterior.summaries import Standard, Summaries
     from vsr2.posterior.training import Posterior
+    from vsr2.posterior.within_library import WithinLibrary
 
     library = chosen_library()
     sets = Sets(NAMES)
@@ -218,38 +220,35 @@ def posterior(path: Path) -> bytes:
     columns, row = np.ones((3, 4)), np.array([0, 2])
     summaries = np.ones(9)
     free = {name: len(free_parameters(effect)) for name, effect in library.items()}
+    curves = Curves(np.eye(3), np.ones(3), np.ones((2, 5, 3)), np.ones((2, 5)))
+    within = WithinLibrary(
+        sets=sets,
+        alike=declared_alike(library),
+        summaries=Summaries(
+            np.ones((2, 4, 3)), np.ones((2, 3)), columns, np.ones(3), np.array([0, 1, -1]), 2
+        ),
+        centre=summaries,
+        scale=summaries,
+        # As many inputs as summaries, and outputs of which the sets are made.
+        networks=(Network(sets, [np.ones((9, 6))], [np.ones(6)]),),
+        curves=(curves,),
+        judges=(SecondCause(curves, np.ones(21), np.ones(22)),),
+        temperature=1.0,
+    )
     save_posterior(
         Posterior(
-            sets=sets,
             standard=Standard(np.full(2, 0.5), np.ones((2, 1)), np.ones((2, 1))),
-            summaries=Summaries(
-                np.ones((2, 4, 3)), np.ones((2, 3)), columns, np.ones(3), np.array([0, 1, -1]), 2
-            ),
-            centre=summaries,
-            scale=summaries,
-            # As many inputs as summaries and effects, and outputs of which the sets are made.
-            networks=(Network(sets, [np.ones((11, 7))], [np.ones(7)]),),
-            curves=(
-                Curves(
-                    np.eye(3),
-                    np.ones(3),
-                    np.ones((2, 5, 3)),
-                    np.ones((2, 5)),
-                    np.ones(22),
-                    np.ones(23),
-                ),
-            ),
-            levels=Levels(1.0, 0.2, 0.5, 0.5, 0.9, 0.05, 0.6, 0.7),
+            within=within,
+            outside=Outside.prior(2),
+            levels=Levels(0.2, 0.5, 0.5, 0.9, 0.05, 0.6, 0.7),
             parameters=Parameters(
                 library,
                 columns.astype(np.float32),
                 dict.fromkeys(NAMES, row),
                 {name: np.ones((2, count)) for name, count in free.items()},
             ),
-            alike=declared_alike(library),
             gap_free=columns,
             misfits=np.ones(3),
-            library_fit=LibraryFit(np.ones(2), np.ones(6), np.ones(4), np.ones(3)),
             campaigns=150,
         ),
         path,

@@ -61,7 +61,6 @@ CONTENT = {
     "gap": {
         "state": "found",
         "fit": 0.004,
-        "library_fit": 0.2,
         "effects": ["wear"],
         "before": estimate(0.8),
         "after": estimate(0.3),

@@ -299,12 +299,12 @@ def test_a_second_diagnosis_neither_simulates_campaigns_nor_trains(
     # The trials under what this campaign names, and the noise floor.
     most = (HELD_OUT.members + NOISE_FLOOR.runs) * 50
     assert 0 < other.content["provenance"]["budget"]["simulated"] <= most
-    # Whatever is left out.
-    protocol.diagnose(nuisance=42, excluded=("wear", "catch"))
     assert not trainings
     assert not gathered, "campaigns are for training alone"
     protocol.diagnose(nuisance=42, tier="B")
     assert len(trainings) == 1, "another tier has a posterior of its own"
+    protocol.diagnose(nuisance=42, excluded=("wear", "catch"))
+    assert len(trainings) == 2, "and so has another library"
 
 
 def small(cache=None, report=None, seed=0):

@@ -157,12 +157,10 @@ LIBRARY = {n: full_library()[n] for n in ("com_offset", "base_slope", "wear", "c
 SETS = Sets(tuple(LIBRARY))
 ALIKE = declared_alike(LIBRARY)
 LEVELS = SimpleNamespace(none_limit=0.3, least_name=0.8, least_together=0.79)
-POSTERIOR = SimpleNamespace(
-    sets=SETS, levels=LEVELS, alike=ALIKE, parameters=SimpleNamespace(library=LIBRARY)
-)
+POSTERIOR = SimpleNamespace(sets=SETS, levels=LEVELS, parameters=SimpleNamespace(library=LIBRARY))
 
 
-def found(*given, outside=0.0, fit=1.0, library_fit=1.0):
+def found(*given, outside=0.0, fit=1.0):
     """What is left over is none's."""
     p = np.zeros(len(SETS))
     for *names, value in given:
@@ -170,8 +168,8 @@ def found(*given, outside=0.0, fit=1.0, library_fit=1.0):
     p[-1] = outside
     p[0] = 1 - p.sum()
     limits = NamingLimits(LEVELS.none_limit, LEVELS.least_name, LEVELS.least_together)
-    said = decide(candidates(p, SETS, ALIKE), limits, ALIKE, fit=fit, library_fit=library_fit)
-    return SimpleNamespace(probability=p, fit=fit, library_fit=library_fit, naming=said)
+    said = decide(candidates(p, SETS, ALIKE), limits, ALIKE, fit=fit)
+    return SimpleNamespace(probability=p, fit=fit, naming=said)
 
 
 @pytest.mark.parametrize(
@@ -190,13 +188,7 @@ def found(*given, outside=0.0, fit=1.0, library_fit=1.0):
         (found(("wear", 0.2), fit=0.02), "none", (), ["no_gap"]),
         (found(("wear", 0.6), fit=0.005), "effect", ("wear",), ["misfit", "name_reached"]),
         (found(outside=0.3, fit=0.005), "unknown", (), ["misfit", "outside_outweighs"]),
-        (found(("wear", 0.9), library_fit=0.005), "unknown", (), ["gap", "unexplained"]),
-        (
-            found(("wear", 0.1), outside=0.8, library_fit=0.005),
-            "unknown",
-            (),
-            ["gap", "outside_outweighs", "unexplained"],
-        ),
+        (found(("wear", 0.1), outside=0.8), "unknown", (), ["gap", "outside_outweighs"]),
         (
             found(("com_offset", 0.85), ("base_slope", 0.1)),
             "class",

@@ -69,11 +69,13 @@ def test_the_effect_of_a_pair_that_acts_more_probably_leads() -> None:
     np.testing.assert_allclose(label_probability(p, three)[0], [0, 0.2, 0, 0.8, 0, 0])
 
 
-def test_sets_that_hold_a_missing_effect_are_not_allowed() -> None:
-    lacking_b = np.array([[True, False, True, True], [True] * 4])
-    found = SETS.allowed(lacking_b)
-    np.testing.assert_array_equal(found[0], [i not in (2, 5, 8, 9) for i in range(12)])
-    assert found[1].all()
+def test_sets_of_a_part_are_found_among_those_of_the_library() -> None:
+    part = Sets(("d", "b"))
+    place = part.within(SETS)
+    assert place[-1] == SETS.outside
+    for k in range(len(part) - 1):
+        names = {name for name, held in zip(part.names, part.members[k], strict=True) if held}
+        assert place[k] == SETS.index(names)
 
 
 def test_effects_are_one_class_where_those_among_them_are_linked() -> None:
@@ -209,15 +211,6 @@ def test_causes_that_act_together_have_a_limit_of_their_own() -> None:
 
     assert kind(0.8, 0.35) == "pair"
     assert kind(0.8, 0.5) == "effect"
-
-
-def test_what_the_library_leaves_unexplained_is_unknown_whatever_the_posterior_says() -> None:
-    found = candidates(probabilities(a=0.99), SETS, DISTINCT)
-    limits = NamingLimits(0.3, 0.8, 0.8)
-    assert str(decide(found, limits, DISTINCT, library_fit=0.02).kind) == "effect"
-    assert str(decide(found, limits, DISTINCT, library_fit=0.005).kind) == "unknown"
-    clean = candidates(probabilities(a=0.1), SETS, DISTINCT)
-    assert str(decide(clean, limits, DISTINCT, library_fit=0.005).kind) == "none"
 
 
 def test_a_name_is_wrong_where_none_of_it_acts() -> None:

@@ -8,8 +8,15 @@ import pytest
 from diagnosis_samples import NAMES, linear
 from vsr2.effects import library as effects
 from vsr2.ensemble.simulated.campaigns import Acting, Campaigns
-from vsr2.posterior.effect_curves import Curves, kernel_coordinates
-from vsr2.posterior.second_cause import Seen, features, fit_curves, odds, refined
+from vsr2.posterior.effect_curves import fit_curves, kernel_coordinates
+from vsr2.posterior.second_cause import (
+    SecondCause,
+    Seen,
+    features,
+    fit_second_cause,
+    odds,
+    refined,
+)
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY
 from vsr2.posterior.truth import Truth
@@ -66,20 +73,19 @@ class Curved:
 
 
 @pytest.fixture(scope="module")
-def curved() -> tuple[Curved, tuple[Curves, ...]]:
+def curved() -> tuple[Curved, tuple[SecondCause, ...]]:
     own = Curved()
-    found = own.discriminants, own.campaigns, own.library, own.truth, own.fold, own.probability
-    return own, fit_curves(*found)
+    curves = fit_curves(own.discriminants, own.campaigns, own.library, own.fold)
+    return own, fit_second_cause(own.discriminants, curves, own.truth, own.fold, own.probability)
 
 
 def test_the_second_effect_of_a_pair_is_found_in_campaigns_that_nothing_saw(curved) -> None:
-    _, curves = curved
+    _, judges = curved
     new = Curved(240, seed=1)
     before = new.probability(0, np.arange(240))
-    everything = np.ones(EFFECTS, dtype=bool)
     after = np.array(
         [
-            refined(p, SETS, new.truth.alike, everything, d, curves)
+            refined(p, SETS, new.truth.alike, d, judges)
             for p, d in zip(before, new.discriminants[-1], strict=True)
         ]
     )
@@ -90,49 +96,6 @@ def test_the_second_effect_of_a_pair_is_found_in_campaigns_that_nothing_saw(curv
     assert gain[number == 2].mean() > 1.0
     assert gain[number == 1].mean() > -0.1
     assert (after.argmax(axis=1) == new.truth.index)[number == 2].mean() > 0.6
-
-
-def test_what_the_library_lacks_stands_beside_nothing(curved) -> None:
-    own, curves = curved
-    p = own.probability(0, np.array([3]))[0]
-    lacking = int(np.flatnonzero(~own.truth.acting[3])[0])
-    p = p * ~SETS.members[:, lacking]
-    p /= p.sum()
-    allowed = np.arange(EFFECTS) != lacking
-    after = refined(p, SETS, own.truth.alike, allowed, own.discriminants[0, 3], curves)
-    assert after[SETS.members[:, lacking]].max() == 0
-    assert after.sum() == pytest.approx(1)
-
-
-def test_discriminants_of_excluded_effects_do_not_enter(curved) -> None:
-    own, curves = curved
-    p = own.probability(0, np.array([3]))[0]
-    allowed = np.arange(EFFECTS) != 2
-    p = p * ~SETS.members[:, 2]
-    p /= p.sum()
-    moved = own.discriminants[0, 3] + 5.0 * ~allowed
-    kept = [one.without(np.arange(EFFECTS), allowed) for one in curves]
-    found = [
-        refined(p, SETS, own.truth.alike, allowed, d, kept)
-        for d in (own.discriminants[0, 3], moved)
-    ]
-    np.testing.assert_allclose(*found)
-    everything = refined(p, SETS, own.truth.alike, allowed, moved, curves)
-    assert np.abs(everything - found[1]).max() > 1e-3
-
-
-def test_without_some_discriminants_the_others_have_their_own_covariance(curved) -> None:
-    _, curves = curved
-    allowed = np.arange(EFFECTS) != 2
-    covariance = np.linalg.inv(curves[0].white @ curves[0].white.T)
-    rest = curves[0].without(np.arange(EFFECTS), allowed).white[allowed]
-    np.testing.assert_allclose(rest @ rest.T, np.linalg.inv(covariance[np.ix_(allowed, allowed)]))
-
-
-def test_a_nuisance_is_never_excluded(curved) -> None:
-    _, curves = curved
-    effect = np.where(np.arange(EFFECTS) == 2, -1, np.arange(EFFECTS))
-    assert curves[0].without(effect, np.arange(EFFECTS) != 2) is curves[0]
 
 
 def test_a_parameter_without_a_known_null_has_a_finite_coordinate() -> None:
@@ -151,25 +114,24 @@ def test_each_pair_has_one_leader() -> None:
     assert equal.leading.sum() == pytest.approx(1 - 2 / len(SETS))
 
 
-def test_odds_leave_out_what_may_not_stand_there_and_sum_to_one(curved) -> None:
-    own, curves = curved
+def test_odds_leave_out_what_leads_and_sum_to_one(curved) -> None:
+    own, judges = curved
     seen = Seen.of(own.probability(0, np.array([1]))[0], SETS)
-    place = (own.discriminants[0, 1] - curves[0].origin) @ curves[0].white
-    found = features(curves[0], place, 0, seen, FLAT, np.ones(EFFECTS, dtype=bool))
-    may = np.arange(EFFECTS + 1) != 0
-    share = odds(curves[0], found, may)
+    curves = judges[0].curves
+    place = (own.discriminants[0, 1] - curves.origin) @ curves.white
+    found = features(curves, place, 0, seen, FLAT)
+    share = odds(judges[0], found, 0)
     assert share[0] == 0
     assert share.sum() == pytest.approx(1)
     assert np.isfinite(found).all()
 
 
 def test_larger_sets_keep_what_they_have(curved) -> None:
-    own, curves = curved
+    own, judges = curved
     larger = Sets(NAMES, 3)
     p = np.random.default_rng(3).random(len(larger))
     p /= p.sum()
-    everything = np.ones(EFFECTS, dtype=bool)
-    after = refined(p, larger, own.truth.alike, everything, own.discriminants[0, 1], curves)
+    after = refined(p, larger, own.truth.alike, own.discriminants[0, 1], judges)
     kept = (larger.size == 3) | (np.arange(len(larger)) == 0)
     np.testing.assert_array_equal(after[kept], p[kept])
     assert after.sum() == pytest.approx(1)

@@ -185,10 +185,6 @@ def test_the_schema_refuses(part, change) -> None:
             "Wear or catch, friction and inertia together explain the gap (90 %): added, they",
         ),
         ({"kind": "unknown", "names": [], "probability": 0.6}, "the library explains it (60 %)."),
-        (
-            {"kind": "unknown", "names": [], "code": "unexplained", "library_fit": 0.004},
-            "explains it (0.4 % of simulated campaigns leave as much more over than expected).",
-        ),
         ({"kind": "none", "names": []}, "but residuals stand out: low PGA (family-wise p 0.004)"),
         (
             {"kind": "none", "names": [], "where": CONTENT["where"][1:], "probability": 0.23},
@@ -198,7 +194,7 @@ def test_the_schema_refuses(part, change) -> None:
     ],
 )
 def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None:
-    code = "equivalent_here" if changes.get("alike") else changes.get("code")
+    code = "equivalent_here" if changes.get("alike") else None
     more = [] if code is None else [{"code": code, "values": {}}]
     kind, names = changes.get("kind", "effect"), changes.get("names", ["wear"])
     findings = names if kind == "several" else [[n] for n in names] if kind == "pair" else [names]
@@ -209,9 +205,7 @@ def test_the_sentence_claims_no_more_than_the_numbers(changes, sentence) -> None
         "probability": changes.get("probability", 0.9),
         "reasons": [GAP, *more],
     }
-    gap = CONTENT["gap"] | {
-        k: changes[k] for k in ("closure", "headline", "library_fit") if k in changes
-    }
+    gap = CONTENT["gap"] | {k: changes[k] for k in ("closure", "headline") if k in changes}
     where = changes.get("where", CONTENT["where"])
     content = CONTENT | {"verdict": verdict, "gap": gap, "where": where}
     assert sentence in verdict_sentence(content)

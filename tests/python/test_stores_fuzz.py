@@ -81,12 +81,12 @@ ARRAYS = {
     "effect": (np.array([0, 2, -1]), r"array effect holds 2 at \(1,\), wanted is from -1 to 1"),
     "centre": (np.ones(8), r"has the shape \(8,\), wanted is \(9\)"),
     "scale": (np.zeros(9), "array scale holds 0.0"),
-    "weight 0 0": (np.ones((9, 7)), r"weight 0 0 has the shape \(9, 7\), wanted is \(11, 7\)"),
+    "weight 0 0": (np.ones((8, 6)), r"weight 0 0 has the shape \(8, 6\), wanted is \(9, 6\)"),
     "bias 0 0": (None, "array bias 0 0 is missing"),
     "gap_free": (np.full((3, 4), np.inf), "array gap_free holds inf"),
     "misfits": (np.array([1, None], dtype=object), "allow_pickle=False"),
-    "library_fit_expected": (np.ones(5), r"has the shape \(5,\), wanted is \(6\)"),
-    "library_fit_errors": (np.ones(0), "array library_fit_errors is empty"),
+    "outside": (np.ones(3), r"array outside has the shape \(3,\), wanted is \(4\)"),
+    "judge 0 weights": (np.ones(21), r"has the shape \(21,\), wanted is \(22\)"),
     "residuals": (None, "array residuals is missing"),
     "rows friction": (np.array([0, 3]), r"rows friction holds 3 at \(1,\), wanted is from 0 to 2"),
     "values wear": (np.ones((1, 1)), r"array values wear has the shape"),
@@ -97,7 +97,8 @@ KEYS = {
     "trials": (0, "key trials is 0, wanted is a whole number"),
     "campaigns": (True, "key campaigns is True"),
     "most": ("two", "key most is 'two'"),
-    "levels": ({"temperature": 1.0}, r"key levels has \['temperature'\]"),
+    "levels": ({"wrong": 1.0}, r"key levels has \['wrong'\]"),
+    "judges": (2, "key judges is 2, wanted is 0 or 1"),
 }
 
 
@@ -114,11 +115,8 @@ def test_a_posterior_with_another_array_or_key_is_damaged(name, seeds, tmp_path)
 @pytest.mark.parametrize("value", [0.0, -1.0, "1", True, float("nan")])
 def test_a_posterior_s_temperature_is_a_number_above_0(value, seeds, tmp_path) -> None:
     path = tmp_path / "input.posterior"
-    with np.load(io.BytesIO(seeds[".posterior"])) as file:
-        levels = json.loads(str(file["about"]))["levels"]
-    about = {"levels": levels | {"temperature": value}}
-    path.write_bytes(altered_posterior(seeds[".posterior"], {}, about))
-    with pytest.raises(ResultError, match=r"key levels\.temperature is .*, wanted is"):
+    path.write_bytes(altered_posterior(seeds[".posterior"], {}, {"temperature": value}))
+    with pytest.raises(ResultError, match=r"key temperature is .*, wanted is"):
         fuzz.read_posterior(path)
 
 

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -43,13 +43,13 @@ class Judged:
 
     Attributes:
         row: number of the campaign.
-        truth: what acts, joined by `+`; none; or unknown, where the library lacks the cause.
+        truth: what acts, joined by `+`, or none.
         answer: the most probable label.
         stated: its probability [1].
         right: whether the truth is what the label stands for.
         held: whether the 90 % set of labels has a true one.
         size: labels in that set.
-        ranks: of the parameters of what acts; empty where the library lacks it.
+        ranks: of the parameters of what acts.
     """
 
     row: int
@@ -68,40 +68,40 @@ def judge_planted(
     overturned: Array,
     features: Array,
     *,
-    excluded: Collection[str] = (),
     seed: int = 0,
 ) -> Iterator[Judged]:
     """Infer each planted campaign as if it were observed.
+
+    Its cause is in the library, so that probabilities are those given this.
 
     Args:
         posterior: that is checked.
         planted: what acts.
         overturned: outcomes of the trials that were simulated, shape (n, trials).
         features: of the same, as the campaign would have noted them, shape (n, trials, k).
-        excluded: effects that are not looked for.
         seed: of the diagnosis.
     """
     for one, outcome, noted in zip(planted, overturned, features, strict=True):
-        found = posterior.infer(outcome, noted, {*excluded, *one.lacking})
-        yield _judged(posterior, one, found, seed)
+        yield _judged(posterior, one, posterior.infer(outcome, noted), seed)
 
 
 def _judged(posterior: Posterior, one: Planted, found: Found, seed: int) -> Judged:
     sets, names = posterior.sets, [effect.name for effect in one.acting]
-    true = sets.outside if one.lacking else sets.index(names)
-    labels = label_probability(found.probability[None], sets)[0]
+    true = sets.index(names)
+    given = np.append(found.probability[:-1], 0.0)
+    labels = label_probability(given[None] / given.sum(), sets)[0]
     words = (NONE, *sets.names, UNKNOWN)
     top = int(labels.argmax())
     held = label_set(found.probability, sets, posterior.levels.set_level)
     return Judged(
         row=one.row,
-        truth=UNKNOWN if one.lacking else "+".join(names) or NONE,
+        truth="+".join(names) or NONE,
         answer=words[top],
         stated=float(labels[top]),
         right=top == true_label(sets, true, found.probability),
         held=bool(set(held) & true_labels(sets, true)),
         size=len(held),
-        ranks=() if one.lacking else tuple(_ranks(posterior, one, found, seed)),
+        ranks=tuple(_ranks(posterior, one, found, seed)),
     )
 
 

@@ -13,8 +13,7 @@ from vsr2.ensemble.simulated.campaigns import Acting, draw_set, insensitive
 from vsr2.ensemble.simulated.library import Library, Side
 from vsr2.ensemble.simulated.look import Limit
 from vsr2.errors import DiagnosisError
-from vsr2.posterior.sets import declared_alike
-from vsr2.posterior.truth import PRIOR, left_out_together
+from vsr2.posterior.truth import PRIOR
 
 FIRST = 100_000
 """Number of the first planted campaign, far above those of training."""
@@ -27,12 +26,10 @@ class Planted:
     Attributes:
         row: its number, which says what acts.
         acting: in it.
-        lacking: effects that the library lacks for it: its cause is then outside.
     """
 
     row: int
     acting: tuple[Acting, ...]
-    lacking: tuple[str, ...] = ()
 
 
 def draw_planted(
@@ -44,7 +41,7 @@ def draw_planted(
     excluded: Collection[str] = (),
     seed: int = 0,
 ) -> tuple[Planted, ...]:
-    """Planted campaigns of the posterior's prior over none, one and more effects, and outside.
+    """Planted campaigns of the posterior's prior over none, one and more effects of the library.
 
     Simulated campaigns have these in other shares, by which training weights them; here each is
     taken in the share that the prior gives it, so that campaigns count alike.
@@ -69,25 +66,11 @@ def draw_planted(
     rng = generator(seed, Stream.PLANTED)
     prior = np.array(PRIOR.sizes(most))
     reached = prior[: len(shown) + 1]
-    shares = np.append((1 - PRIOR.outside) * reached / reached.sum(), PRIOR.outside)
-    kinds = rng.choice(shares.size, count, p=shares)
-    names, alike = list(library), declared_alike(library)
+    sizes = rng.choice(reached.size, count, p=reached / reached.sum())
     drawn = {
-        size: _of_size(library, limits, size, most, shown, seed) for size in range(shares.size)
+        size: _of_size(library, limits, size, most, shown, seed) for size in range(reached.size)
     }
-    planted = []
-    for kind in kinds:
-        outside = kind == reached.size
-        sizes = reached[1:] / reached[1:].sum()
-        size = 1 + int(rng.choice(sizes.size, p=sizes)) if outside else int(kind)
-        row, acting = next(drawn[size])
-        lacking: tuple[str, ...] = ()
-        if outside:
-            own = names.index(acting[int(rng.integers(size))].name)
-            together = left_out_together(alike, np.array([own]), rng)[0]
-            lacking = tuple(names[i] for i in np.flatnonzero(together))
-        planted.append(Planted(row, acting, lacking))
-    return tuple(planted)
+    return tuple(Planted(*next(drawn[int(size)])) for size in sizes)
 
 
 def _of_size(

@@ -177,9 +177,10 @@ def check_posterior(
 ) -> PosteriorCheck:
     """Plant campaigns whose truth is known, and ask the posterior of a finished diagnosis.
 
-    Causes are drawn from the prior of the posterior, which did not see the campaigns. They are
-    simulated and disturbed as those of its training are, so the check says whether the inference
-    holds what it states, and nothing of whether the simulations resemble the measured rock.
+    Causes are drawn from the posterior's prior over the library. The posterior did not see the
+    campaigns. They are simulated and disturbed as those of its training are, so the check says
+    whether the inference holds what it states, and nothing of whether the simulations resemble the
+    measured rock.
 
     Args:
         campaign: as it was given to :func:`vsr2.diagnose`; its outcomes have no part in it.
@@ -246,9 +247,10 @@ def check_with(
     sizes = (
         count, known["budget"]["trials"], *(looked_at[one] for one in ("among", "trials", "plain"))
     )  # fmt: skip
+    excluded = known["excluded"]
     posterior = load_posterior(
-        posterior_file(cache.folder, simulator.identity, seen, sizes, seed, most),
-        simulator.library,
+        posterior_file(cache.folder, simulator.identity, seen, sizes, seed, most, excluded),
+        {name: one for name, one in simulator.library.items() if name not in excluded},
     )
     if posterior is None:
         raise DiagnosisError(
@@ -266,7 +268,7 @@ def check_with(
         )
         chosen = draw_planted(
             simulator.library, found.limits, planted,
-            most=most, excluded=known["excluded"], seed=seed,
+            most=most, excluded=excluded, seed=seed,
         )  # fmt: skip
         campaigns = _simulated(store, (found, trials), chosen, (most, seed), report)
         simulated = store.simulated
@@ -277,9 +279,7 @@ def check_with(
     outcomes, noted = disturbed(
         campaigns.overturned, features, generator(seed, Stream.PLANTED_COPIES)
     )
-    judged = tuple(
-        judge_planted(posterior, chosen, outcomes, noted, excluded=known["excluded"], seed=seed)
-    )
+    judged = tuple(judge_planted(posterior, chosen, outcomes, noted, seed=seed))
     return PosteriorCheck(
         coverage_scores(judged),
         judged,
@@ -288,7 +288,7 @@ def check_with(
             "tier": seen.tier,
             "seed": seed,
             "campaigns": posterior.campaigns,
-            "excluded": list(known["excluded"]),
+            "excluded": list(excluded),
             "constants": check_constants(),
             "simulated_in_this_run": simulated,
         },

@@ -34,7 +34,7 @@ from vsr2.ensemble.simulated.campaigns import (
     simulate_campaigns,
 )
 from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
-from vsr2.ensemble.simulated.library import NONE, UNKNOWN
+from vsr2.ensemble.simulated.library import NONE, UNKNOWN, Library
 from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.ensemble.simulated.look import Look, look
 from vsr2.ensemble.simulated.simulator import Request, Simulator
@@ -102,7 +102,7 @@ def diagnose_with(
         ResultError: the cache cannot be used.
     """
     watch = Stopwatch()
-    excluded, seed = question.excluded, question.seed
+    seed = question.seed
     seen = observe_campaign(campaign, question.tier)
     references = [_reference(one, seen) for one in question.references]
     kept = ProtocolCache(cache) if isinstance(cache, Path) else cache
@@ -117,14 +117,12 @@ def diagnose_with(
         responding = _responding(seen_look, campaign.name, (schedule.among, len(seen)))
         trials = seen_look.spread(schedule.campaign_trials(responding.size))
         posterior = work.posterior(seen_look, trials)
-        # By the campaign's own library, as effects that it lacks raise the probability of none.
         alike = [
-            posterior.infer(one.overturned[trials], one.features[trials], excluded)
-            for one in references
+            posterior.infer(one.overturned[trials], one.features[trials]) for one in references
         ]
         none = [float(one.probability[0]) for one in alike]
         posterior = posterior.with_references(alike)
-        found = posterior.infer(seen.overturned[trials], seen.features[trials], excluded)
+        found = posterior.infer(seen.overturned[trials], seen.features[trials])
         work.notify(Stage.JUDGEMENT, 0.0, found, posterior)
         verdict = verdict_of(found, posterior)
         how_far = judge(
@@ -285,8 +283,7 @@ class _Work:
             )  # fmt: skip
         return waterfall(
             self.store, self.seen, trials, campaigns,
-            FullInference(posterior, found, self.question.excluded),
-            floor, seed=self.question.seed,
+            FullInference(posterior, found), floor, seed=self.question.seed,
             progress=lambda n, m: self.notify(Stage.WATERFALL, n / m, found, posterior),
         )  # fmt: skip
 
@@ -315,11 +312,7 @@ class _Work:
                 self.notify(Stage.TRAINING, 0.0)
                 first = self._trained(campaigns, trials, done)
                 leading = (
-                    first.infer(
-                        self.seen.overturned[trials],
-                        self.seen.features[trials],
-                        self.question.excluded,
-                    ),
+                    first.infer(self.seen.overturned[trials], self.seen.features[trials]),
                     first,
                 )
         self.notify(Stage.TRAINING, 0.0)
@@ -343,16 +336,23 @@ class _Work:
         """What an earlier diagnosis learnt from so many campaigns of so many trials."""
         if self.cache is None or campaigns is None:
             return None
-        path, library = self._path(self.cache, campaigns, trials), self.store.simulator.library
+        path, library = self._path(self.cache, campaigns, trials), self._library
         return load_posterior(path, library, (trials, self.seen.features.shape[-1]))
+
+    @property
+    def _library(self) -> Library:
+        """Effects that are looked for."""
+        excluded = self.question.excluded
+        return {n: one for n, one in self.store.simulator.library.items() if n not in excluded}
 
     def _path(self, cache: ProtocolCache, campaigns: int, trials: int) -> Path:
         asked = self.question
         simulated = (campaigns, trials, *self.schedule.look)
         identity = self.store.simulator.identity
         return posterior_file(
-            cache.folder, identity, self.seen, simulated, asked.seed, asked.most_effects
-        )
+            cache.folder, identity, self.seen, simulated, asked.seed, asked.most_effects,
+            asked.excluded,
+        )  # fmt: skip
 
     def _trained(self, campaigns: Campaigns, trials: NDArray[np.int64], done: int) -> Posterior:
         known = self._known(done, trials.size)
@@ -360,7 +360,7 @@ class _Work:
             return known
         started = time.monotonic()
         made = train(
-            self.seen, campaigns, self.store.simulator.library, trials,
+            self.seen, campaigns, self._library, trials,
             most=self.question.most_effects, seed=self.question.seed,
         )  # fmt: skip
         self.schedule.trained(len(campaigns), time.monotonic() - started)

@@ -2,15 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
+from typing import Protocol, Self
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.ensemble.simulated.linear_algebra import blocks
 from vsr2.posterior.naming import (
     Candidates,
     Naming,
@@ -62,7 +61,6 @@ class Levels:
     """What calibration on held-out campaigns sets.
 
     Attributes:
-        temperature: by which log probabilities are divided.
         none_limit: 5 % point of the probability of none over gap-free campaigns.
         least_name: probability, given a gap, that the name of one cause must have.
         least_together: that of the names of causes that act together.
@@ -71,7 +69,6 @@ class Levels:
         detection_rate: share of causes outside the library that are said to be so.
     """
 
-    temperature: float
     none_limit: float
     least_name: float
     least_together: float
@@ -86,18 +83,11 @@ class Levels:
         return NamingLimits(self.none_limit, self.least_name, self.least_together)
 
 
-Refine = Callable[[slice, Array], Array]
-"""From some rows of judged campaigns and the probability of every set to a better one."""
-
-
 class HeldOut(Protocol):
     """What networks make of campaigns that they did not see, disturbed."""
 
     def score(self, index: NDArray[np.int64], temperature: float) -> Array:
         """Log probability of one set a campaign, by each network, shape (networks, n)."""
-
-    def log_probability(self, rows: slice) -> Array:
-        """Of every set in some campaigns, by each network, shape (networks, rows, sets)."""
 
 
 def pooled(log_probability: Array, temperature: float) -> Array:
@@ -119,115 +109,88 @@ def best_temperature(held_out: HeldOut, truth: Truth) -> float:
     """By which log probabilities are divided, so that the logarithmic score is best.
 
     Args:
-        held_out: as of :func:`calibrate`.
-        truth: of all campaigns.
+        held_out: all campaigns.
+        truth: of these.
     """
     from scipy.optimize import minimize_scalar
 
-    index, weight = _judged(truth)
-
     def score(log_temperature: float) -> float:
-        p = np.exp(held_out.score(index, float(np.exp(log_temperature)))).mean(axis=0)
-        return float(-(weight * np.log(np.maximum(p, 1e-12))).sum() / weight.sum())
+        p = np.exp(held_out.score(truth.index, float(np.exp(log_temperature)))).mean(axis=0)
+        logs = np.log(np.maximum(p, 1e-12))
+        return float(-(truth.weight * logs).sum() / truth.weight.sum())
 
     sought = minimize_scalar(score, bounds=CALIBRATED.temperatures, method="bounded")
     return float(np.exp(sought.x))
 
 
-def _judged(truth: Truth) -> tuple[NDArray[np.int64], Array]:
-    """True sets and weights of all campaigns, then of those in which some act, without their own.
-
-    Returns:
-        Both of shape (campaigns + those in which some act,).
-    """
-    acting = truth.acting.any(axis=1)
-    outside = np.full(int(acting.sum()), truth.sets.outside)
-    out_of_library = truth.weight[acting] * PRIOR.outside / (1 - PRIOR.outside)
-    out_of_library *= truth.weight.sum() / max(truth.weight[acting].sum(), 1e-9)
-    return (
-        np.concatenate([truth.index, outside]),
-        np.concatenate([truth.weight, out_of_library]),
-    )
-
-
 @dataclass(frozen=True, eq=False)
-class HeldOutFindings:
-    """What is made of all campaigns by all effects, then of those in which some act, without them.
+class JudgedCampaigns:
+    """What is made of simulated campaigns by what did not see them.
 
     Attributes:
-        temperature: by which log probabilities were divided.
-        row: index of each campaign, shape (judged,).
+        row: index of each campaign; of one whose cause was withheld once more, shape (judged,).
+        unknown: whether the cause was withheld, shape (judged,).
+        weight: of each, as the prior has it, shape (judged,).
         found: what could be named.
         labels: probability of none, of every effect that leads and of outside, shape (judged,
             effects + 2).
-        acts: that each effect acts, and outside, shape (judged, effects + 1).
     """
 
-    temperature: float
     row: NDArray[np.int64]
-    found: list[Candidates]
+    unknown: Bools
+    weight: Array
+    found: tuple[Candidates, ...]
     labels: Array
-    acts: Array
+
+    @classmethod
+    def of(cls, truth: Truth, parts: Iterable[tuple[NDArray[np.int64], bool, Array]]) -> Self:
+        """From the probability of every set, a part of the campaigns at a time.
+
+        Args:
+            truth: of the campaigns.
+            parts: indices of campaigns, whether their cause was withheld, and the probability of
+                every set, shape (rows, sets).
+        """
+        rows: list[NDArray[np.int64]] = []
+        unknown: list[Bools] = []
+        found: list[Candidates] = []
+        labels: list[Array] = []
+        for row, withheld, probability in parts:
+            rows.append(row)
+            unknown.append(np.full(row.size, withheld))
+            found += [candidates(p, truth.sets, truth.alike) for p in probability]
+            labels.append(label_probability(probability, truth.sets))
+        row, lacks = np.concatenate(rows), np.concatenate(unknown)
+        weight = np.array(truth.weight[row])
+        if lacks.any():
+            odds = PRIOR.outside / (1 - PRIOR.outside)
+            weight[lacks] *= odds * weight[~lacks].sum() / weight[lacks].sum()
+        return cls(row, lacks, weight, tuple(found), np.concatenate(labels))
 
 
-def held_out_findings(
-    held_out: HeldOut,
-    truth: Truth,
-    temperature: float | None = None,
-    refine: Refine = lambda _, probability: probability,
-) -> HeldOutFindings:
-    """What is made of campaigns that no network saw.
-
-    Args:
-        held_out: all campaigns by all effects, then those in which some act, without their own.
-        truth: of all campaigns.
-        temperature: by which log probabilities are divided; None: the best.
-        refine: what is made of the probability of every set.
-    """
-    if temperature is None:
-        temperature = best_temperature(held_out, truth)
-    sets, row = truth.sets, truth.judged
-    out = HeldOutFindings(
-        temperature, row, [], np.zeros((row.size, len(sets.names) + 2)),
-        np.zeros((row.size, len(sets.names) + 1)),
-    )  # fmt: skip
-    for rows in blocks(row.size, len(sets)):
-        probability = refine(rows, pooled(held_out.log_probability(rows), temperature))
-        out.found.extend(candidates(p, sets, truth.alike) for p in probability)
-        out.labels[rows] = label_probability(probability, sets)
-        out.acts[rows] = acting_probability(probability, sets)
-    return out
-
-
-def calibrate(judged: HeldOutFindings, truth: Truth, fits: tuple[Array, Array]) -> Levels:
+def calibrate(judged: JudgedCampaigns, truth: Truth, fit: Array) -> Levels:
     """The limits of the rule, from campaigns that no network saw.
 
     Args:
         judged: what is made of them.
         truth: of all campaigns.
-        fits: tail probability of each judged campaign among those without effect, and of what the
-            library leaves unexplained, each shape (judged,).
+        fit: tail probability of each judged campaign among those without effect, shape (judged,).
     """
-    acting = truth.acting.any(axis=1)
-    index, weight = _judged(truth)
-    found, labels = judged.found, judged.labels
-    plain = labels[: len(truth.index)][~acting, 0]
+    acting = truth.acting[judged.row] & ~judged.unknown[:, None]
+    plain = judged.labels[~truth.acting[judged.row].any(axis=1), 0]
     none_limit = float(np.quantile(plain, CALIBRATED.false_alarms)) if plain.size else 0.5
-    owners = [tuple(np.flatnonzero(row).tolist()) for row in truth.acting] + [()] * int(
-        acting.sum()
-    )
-    chosen, wrong, named = _naming_limits(found, owners, weight, fits, truth.alike, none_limit)
-    said = [
-        decide(f, chosen, truth.alike, fit=float(own), library_fit=float(of_library))
-        for f, own, of_library in zip(found, *fits, strict=True)
+    owners = [tuple(np.flatnonzero(row).tolist()) for row in acting]
+    chosen, wrong, named = _naming_limits(judged, owners, fit, truth.alike, none_limit)
+    unknown = [
+        decide(judged.found[k], chosen, truth.alike, fit=float(fit[k])).kind is VerdictKind.UNKNOWN
+        for k in np.flatnonzero(judged.unknown)
     ]
-    unknown = [s.kind is VerdictKind.UNKNOWN for s in said[len(truth.index) :]]
+    index = np.where(judged.unknown, truth.sets.outside, truth.index[judged.row])
     return Levels(
-        temperature=judged.temperature,
         none_limit=none_limit,
         least_name=chosen.one,
         least_together=chosen.together,
-        set_level=_set_level(labels, index, weight, truth.sets),
+        set_level=_set_level(judged.labels, index, judged.weight, truth.sets),
         wrong=wrong,
         named=named,
         detection_rate=float(np.mean(unknown) if unknown else 0),
@@ -235,20 +198,18 @@ def calibrate(judged: HeldOutFindings, truth: Truth, fits: tuple[Array, Array]) 
 
 
 def _naming_limits(
-    found: Sequence[Candidates],
+    judged: JudgedCampaigns,
     owners: Sequence[tuple[int, ...]],
-    weight: Array,
-    fits: Sequence[Array],
+    fit: Array,
     alike: Bools,
     none_limit: float,
 ) -> tuple[NamingLimits, float, float]:
     """Limits that name the most causes rightly while few names are wrong: see `CALIBRATED`.
 
     Args:
-        found: of campaigns that no network saw.
-        owners: effects that act in each.
-        weight: of each, shape (n,).
-        fits: tail probabilities of each, without effect and of the library, each shape (n,).
+        judged: campaigns that no network saw.
+        owners: effects of the library that act in each.
+        fit: tail probability of each among those without effect, shape (judged,).
         alike: effects declared alike, shape (effects, effects).
         none_limit: as it is chosen.
 
@@ -256,13 +217,13 @@ def _naming_limits(
         The limits; of the campaigns the shares that they name wrongly, of those named, and name.
     """
     asked = NamingLimits(none_limit, np.inf, np.inf)
-    gates = [
-        decide(f, asked, alike, fit=float(own), library_fit=float(of_library)).kind
-        for f, own, of_library in zip(found, *fits, strict=True)
+    found, weight = judged.found, judged.weight
+    open_ = [
+        decide(one, asked, alike, fit=float(own)).kind is VerdictKind.UNRESOLVED
+        for one, own in zip(found, fit, strict=True)
     ]
-    open_ = [kind is VerdictKind.UNRESOLVED for kind in gates]
 
-    def judged(name: Callable[[Candidates], Naming | None]) -> Array:
+    def said_by(name: Callable[[Candidates], Naming | None]) -> Array:
         """Whether a campaign is named, wrongly, and causes named rightly, shape (3, n)."""
         out = np.zeros((3, len(found)))
         for k, (one, own) in enumerate(zip(found, owners, strict=True)):
@@ -272,10 +233,10 @@ def _naming_limits(
                 out[:, k] = 1.0, wrong, 0.0 if wrong else len(said.findings)
         return out * weight
 
-    ones = [judged(partial(one_cause, least=least, alike=alike)) for least in CALIBRATED.one]
+    ones = [said_by(partial(one_cause, least=least, alike=alike)) for least in CALIBRATED.one]
     best, chosen = (False, -1.0), (asked, 0.0, 0.0)
     for together in reversed(CALIBRATED.together):
-        several = judged(partial(several_causes, least=together))
+        several = said_by(partial(several_causes, least=together))
         kept = several[1].sum() <= CALIBRATED.wrong_together * several[0].sum()
         left = several[0] == 0
         for one, of_one in zip(reversed(CALIBRATED.one), reversed(ones), strict=True):
@@ -287,11 +248,6 @@ def _naming_limits(
                 limits = NamingLimits(none_limit, one, together)
                 best, chosen = own, (limits, share, float(named / weight.sum()))
     return chosen
-
-
-def acting_probability(probability: Array, sets: Sets) -> Array:
-    """That each effect acts, and a cause outside, shape (n, effects + 1)."""
-    return np.concatenate([sets.marginal(probability), probability[:, -1:]], axis=1)
 
 
 def label_probability(probability: Array, sets: Sets) -> Array:

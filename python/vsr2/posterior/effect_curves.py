@@ -1,13 +1,14 @@
 """What each effect gives in the discriminants by its size, as a smooth curve.
 
-Curves are by kernel regression, additive in the effects (J. Quinonero-Candela and C. E. Rasmussen,
-J. Mach. Learn. Res. 6, 2005, subset of regressors).
+Discriminants are whitened, so that chance has unit covariance in them. Curves are by kernel
+regression, additive in the effects (J. Quinonero-Candela and C. E. Rasmussen, J. Mach. Learn. Res.
+6, 2005, subset of regressors).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -19,7 +20,6 @@ from vsr2.ensemble.simulated.linear_algebra import ridge
 from vsr2.posterior.summaries import SUMMARY
 
 Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Rows = NDArray[np.int64]
 
 
@@ -33,6 +33,7 @@ class EffectCurveConstants:
         added_size: to sizes [detection limits] before the logarithm.
         variance: of what an effect of size 1 gives, over that of chance.
         nuisance: variance of what a nuisance gives, over the same.
+        shrunk: share of independent chance in the covariance of what is left.
         jitter: added to the kernel's diagonal, so that it has an inverse.
         tiny: by nothing less is divided.
     """
@@ -42,6 +43,7 @@ class EffectCurveConstants:
     added_size: float = 0.2
     variance: float = 0.3
     nuisance: float = 0.1
+    shrunk: float = 0.05
     jitter: float = 1e-6
     tiny: float = 1e-7
 
@@ -51,45 +53,24 @@ EFFECT_CURVE = EffectCurveConstants()
 
 @dataclass(frozen=True, eq=False)
 class Curves:
-    """What effects give in whitened discriminants, and the logit that judges what is left.
+    """What effects give in whitened discriminants.
 
     Attributes:
         white: from discriminants to those of unit chance, shape (targets, whitened).
         origin: of the former without effect, shape (targets,).
         means: of each point of each effect's curve, shape (effects, points, whitened).
         sizes: of the points [detection limits], shape (effects, points).
-        scale: of the features, first those of each other effect, then of nothing more.
-        weights: of these, and of the constant of nothing more.
     """
 
     white: Array
     origin: Array
     means: Array
     sizes: Array
-    scale: Array
-    weights: Array
 
     @cached_property
     def half_squares(self) -> Array:
         """Of the means, shape (effects, points)."""
         return np.asarray(0.5 * (self.means**2).sum(axis=-1))
-
-    def without(self, effect: Rows, allowed: Bools) -> Curves:
-        """The same by fewer discriminants, of which those of excluded effects are no part.
-
-        In whitened discriminants these move along their rows of `white`. What is across is whitened
-        by the covariance of the others.
-
-        Args:
-            effect: index of the effect of each discriminant, -1 of a nuisance, shape (targets,).
-            allowed: effects that the library has, shape (effects,).
-        """
-        excluded = (effect >= 0) & ~allowed[effect]
-        if not excluded.any():
-            return self
-        turned = np.linalg.qr(self.white[excluded].T, mode="complete")[0]
-        across = turned[:, int(excluded.sum()) :]
-        return replace(self, white=self.white @ across, means=self.means @ across)
 
 
 def kernel_coordinates(library: Library, name: str, acting: Sequence[Acting]) -> Array:
@@ -190,3 +171,40 @@ class Design:
             means[effect] = root @ weights[first : first + EFFECT_CURVE.points]
         count = len(self.curves) * EFFECT_CURVE.points
         return means, self.regressors[:, :count] @ weights[:count]
+
+
+def fit_curves(
+    found: Array, campaigns: Campaigns, library: Library, fold: Rows
+) -> tuple[Curves, ...]:
+    """One of each fold, made of the other folds; none where no campaign is without effect.
+
+    Args:
+        found: discriminants of each copy of campaigns, shape (copies, n, targets).
+        campaigns: simulated.
+        library: effects.
+        fold: group of each campaign.
+    """
+    if not campaigns.gap_free.any() or campaigns.gap_free.all():
+        return ()
+    mean = found.mean(axis=0)
+    design = Design.of(campaigns, library)
+    origin = mean[campaigns.gap_free].mean(axis=0)
+    means, given = [], np.zeros(mean.shape)
+    for k in range(SUMMARY.folds):
+        points, by_others = design.fitted(mean, origin, np.flatnonzero(fold != k))
+        means.append(points)
+        given[fold == k] = by_others[fold == k]
+    white = _whitening(found[1:] - origin - given)
+    return tuple(Curves(white, origin, one @ white, design.sizes) for one in means)
+
+
+def _whitening(left: Array) -> Array:
+    """From discriminants to those whose chance has unit covariance; large ones count for less."""
+    flat = left.reshape(-1, left.shape[-1])
+    scale = flat.std(axis=0) + EFFECT_CURVE.tiny
+    flat = flat / scale
+    size = np.sqrt((flat**2).mean(axis=1, keepdims=True))
+    flat = flat / np.maximum(size / np.median(size), 1.0)
+    covariance = (1 - EFFECT_CURVE.shrunk) * flat.T @ flat / len(flat)
+    covariance[np.diag_indices(len(covariance))] += EFFECT_CURVE.shrunk
+    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)).T / scale[:, None])

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import hashlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import asdict, astuple, fields
 from math import isfinite, isinf
 from pathlib import Path
@@ -22,19 +22,21 @@ from vsr2.posterior.calibration import CALIBRATED, Levels
 from vsr2.posterior.discrepancy import DISCREPANCY
 from vsr2.posterior.effect_curves import EFFECT_CURVE, Curves
 from vsr2.posterior.file_arrays import FileArrays
-from vsr2.posterior.goodness_of_fit import LIBRARY_FIT, LibraryFit
 from vsr2.posterior.naming import NAMING
 from vsr2.posterior.network import NETWORK, Network
+from vsr2.posterior.outside import OUTSIDE, Outside
 from vsr2.posterior.parameters import PARAMETERS, Parameters
-from vsr2.posterior.second_cause import SECOND_CAUSE
+from vsr2.posterior.second_cause import SECOND_CAUSE, SecondCause
 from vsr2.posterior.sets import Sets, declared_alike
 from vsr2.posterior.summaries import SUMMARY, Standard, Summaries
-from vsr2.posterior.training import TRAINING, Posterior
+from vsr2.posterior.training import Posterior
 from vsr2.posterior.truth import PRIOR
+from vsr2.posterior.withheld_parts import WITHHELD
+from vsr2.posterior.within_library import TRAINING, WithinLibrary
 from vsr2.results.atomic import write_atomic
 
 POSTERIORS = "posterior-*.npz"
-FORMAT = 13
+FORMAT = 14
 """Of the file, and of features and their noise: a posterior of another form is trained again."""
 
 
@@ -45,6 +47,7 @@ def posterior_file(
     simulated: Sequence[int],
     seed: int,
     most: int = HYPOTHESIS.usual_effects,
+    excluded: Collection[str] = (),
 ) -> Path:
     """File of the posterior trained for a simulator and what a campaign measures.
 
@@ -55,15 +58,16 @@ def posterior_file(
         simulated: number of campaigns, of trials of each, and what the look was at.
         seed: of the training.
         most: effects that may act together.
+        excluded: effects of the simulator's library that are not looked for.
     """
     digest = hashlib.blake2b(digest_size=8)
     constants = (
-        SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, LIBRARY_FIT, NAMING, CALIBRATED,
+        SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, OUTSIDE, WITHHELD, NAMING, CALIBRATED,
         PARAMETERS, SET_PRIOR, EFFECT_CURVE, SECOND_CAUSE,
     )  # fmt: skip
     parts = (
         identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
-        seen.tilt_noise, seen.rest_noise, list(simulated), seed, most,
+        seen.tilt_noise, seen.rest_noise, list(simulated), seed, most, sorted(excluded),
         [astuple(one) for one in constants],
     )  # fmt: skip
     digest.update(repr(parts).encode())
@@ -76,30 +80,30 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
     Raises:
         ResultError: it cannot be written.
     """
+    within = posterior.within
     arrays: dict[str, NDArray[Any]] = {
         "probability": posterior.standard.probability,
         "standard_centre": posterior.standard.centre,
         "standard_scatter": posterior.standard.scatter,
-        "coefficients": posterior.summaries.coefficients,
-        "intercepts": posterior.summaries.intercepts,
-        "reproduction": posterior.summaries.reproduction,
-        "deviation": posterior.summaries.deviation,
-        "effect": posterior.summaries.effect,
-        "centre": posterior.centre,
-        "scale": posterior.scale,
+        "coefficients": within.summaries.coefficients,
+        "intercepts": within.summaries.intercepts,
+        "reproduction": within.summaries.reproduction,
+        "deviation": within.summaries.deviation,
+        "effect": within.summaries.effect,
+        "centre": within.centre,
+        "scale": within.scale,
+        "outside": np.array([posterior.outside.constant, *posterior.outside.coefficients]),
         "gap_free": posterior.gap_free,
         "misfits": posterior.misfits,
         "residuals": posterior.parameters.residuals,
     }
-    for k, network in enumerate(posterior.networks):
+    for k, network in enumerate(within.networks):
         for layer, (weight, bias) in enumerate(zip(network.weights, network.biases, strict=True)):
             arrays[f"weight {k} {layer}"], arrays[f"bias {k} {layer}"] = weight, bias
-    for k, curves in enumerate(posterior.curves):
+    for k, curves in enumerate(within.curves):
         arrays |= {f"curves {k} {one.name}": getattr(curves, one.name) for one in fields(Curves)}
-    library_fit = posterior.library_fit
-    arrays |= {
-        f"library_fit_{one.name}": getattr(library_fit, one.name) for one in fields(LibraryFit)
-    }
+    for k, judge in enumerate(within.judges):
+        arrays |= {f"judge {k} scale": judge.scale, f"judge {k} weights": judge.weights}
     for name in posterior.parameters.rows:
         arrays[f"rows {name}"] = posterior.parameters.rows[name]
         arrays[f"values {name}"] = posterior.parameters.values[name]
@@ -107,10 +111,12 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
         "format": FORMAT,
         "names": posterior.sets.names,
         "most": posterior.sets.most,
-        "trials": posterior.summaries.trials,
-        "networks": len(posterior.networks),
-        "layers": len(posterior.networks[0].weights),
-        "curves": len(posterior.curves),
+        "trials": within.summaries.trials,
+        "networks": len(within.networks),
+        "layers": len(within.networks[0].weights),
+        "curves": len(within.curves),
+        "judges": len(within.judges),
+        "temperature": within.temperature,
         "levels": asdict(posterior.levels),
         "campaigns": posterior.campaigns,
     }
@@ -183,9 +189,13 @@ def _checked(
     )
     # Discriminants, two sizes of residuals and a mean for each channel: see `Summaries.complete`.
     count = arrays.size("targets") + 3 * channels
-    return Posterior(
+    curves = tuple(_curves(arrays, k) for k in range(_count(about, "curves", least=0)))
+    judges = _count(about, "judges", least=0)
+    if judges not in (0, len(curves)):
+        raise ValueError(f"key judges is {judges}, wanted is 0 or {len(curves)}")
+    within = WithinLibrary(
         sets=sets,
-        standard=standard,
+        alike=declared_alike(library),
         summaries=summaries,
         centre=arrays.numbers("centre", count),
         scale=arrays.numbers("scale", count, above=0.0),
@@ -193,30 +203,38 @@ def _checked(
             _network(arrays, sets, k, _count(about, "layers"), count)
             for k in range(_count(about, "networks"))
         ),
-        curves=tuple(_curves(arrays, k) for k in range(_count(about, "curves", least=0))),
+        curves=curves,
+        judges=tuple(
+            SecondCause(
+                curves[k],
+                arrays.numbers(f"judge {k} scale", "judged", above=0.0),
+                arrays.numbers(f"judge {k} weights", arrays.size("judged") + 1),
+            )
+            for k in range(judges)
+        ),
+        temperature=_positive(about, "temperature"),
+    )
+    outside = arrays.numbers("outside", sets.most + 2)
+    return Posterior(
+        standard=standard,
+        within=within,
+        outside=Outside(float(outside[0]), outside[1:]),
         levels=_levels(about["levels"]),
         parameters=_parameters(arrays, library, columns),
-        alike=declared_alike(library),
         gap_free=arrays.numbers("gap_free", "plain", columns).astype(np.float32, copy=False),
         misfits=arrays.numbers("misfits", "misfits"),
-        library_fit=LibraryFit(
-            arrays.numbers("library_fit_sizes", 2),
-            arrays.numbers("library_fit_expected", len(library) + 4),
-            arrays.numbers("library_fit_spread", len(library) + 2),
-            arrays.numbers("library_fit_errors", "fits"),
-        ),
         campaigns=_count(about, "campaigns"),
     )
 
 
 def _network(arrays: FileArrays, sets: Sets, k: int, layers: int, summaries: int) -> Network:
-    """One network, from summaries and effects that are left out to what the sets are made of."""
-    inputs = summaries + len(sets.names)
+    """One network, from summaries to what the sets are made of."""
+    inputs = summaries
     weights, biases = [], []
     for layer in range(layers):
         outputs: str | int = f"units {k} {layer}"
         if layer == layers - 1:
-            outputs = 2 * len(sets.names) + 1 + len(sets.by_size)
+            outputs = sets.parts.shape[1]
         weights.append(arrays.numbers(f"weight {k} {layer}", inputs, outputs))
         biases.append(arrays.numbers(f"bias {k} {layer}", outputs))
         inputs = weights[-1].shape[1]
@@ -231,8 +249,6 @@ def _curves(arrays: FileArrays, k: int) -> Curves:
         origin=arrays.numbers(f"{place} origin", "targets"),
         means=arrays.numbers(f"{place} means", "effects", "points", "targets"),
         sizes=arrays.numbers(f"{place} sizes", "effects", "points"),
-        scale=arrays.numbers(f"{place} scale", "judged", above=0.0),
-        weights=arrays.numbers(f"{place} weights", arrays.size("judged") + 1),
     )
 
 
@@ -257,11 +273,21 @@ def _levels(content: Mapping[str, Any]) -> Levels:
     if sorted(content) != sorted(names):
         raise ValueError(f"key levels has {sorted(content)}, wanted is {sorted(names)}")
     for name, value in content.items():
-        if isinstance(value, bool) or not isinstance(value, (int, float)) or not isfinite(value):
+        if not _is_finite(value):
             raise ValueError(f"key levels.{name} is {value!r}, wanted is a finite number")
-    if content["temperature"] <= 0:
-        raise ValueError(f"key levels.temperature is {content['temperature']}, wanted is above 0")
     return Levels(**content)
+
+
+def _is_finite(value: object) -> bool:
+    return isinstance(value, (int, float)) and not isinstance(value, bool) and isfinite(value)
+
+
+def _positive(about: Mapping[str, Any], key: str) -> float:
+    """A finite number above 0."""
+    value = about[key]
+    if not _is_finite(value) or value <= 0:
+        raise ValueError(f"key {key} is {value!r}, wanted is a finite number above 0")
+    return float(value)
 
 
 def _count(about: Mapping[str, Any], key: str, least: int = 1) -> int:

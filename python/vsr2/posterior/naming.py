@@ -46,8 +46,7 @@ class NamingConstants:
         second: probability of two effects or more, given a gap, from which a name says that a
             second is likely.
         least_fit: tail probability among simulated campaigns without effect below which there is a
-            gap, whatever the posterior says; and tail probability of what the library leaves
-            unexplained, among all simulated campaigns, below which no effect of it is named.
+            gap, whatever the posterior says.
     """
 
     classes: int = 3
@@ -217,25 +216,22 @@ def decide(
     alike: NDArray[np.bool_],
     *,
     fit: float = 1.0,
-    library_fit: float = 1.0,
 ) -> Naming:
     """What is said.
 
     None is said unless its probability is below its limit, or the campaign does not fit simulations
-    without effect. A cause outside the library is said where it outweighs, or where the library
-    leaves more unexplained than of simulated campaigns. Else causes that act together are named,
-    else one.
+    without effect. A cause outside the library is said where it outweighs. Else causes that act
+    together are named, else one.
 
     Args:
         found: of the campaign.
         limits: of probabilities.
         alike: effects declared alike, shape (effects, effects).
         fit: tail probability among simulated campaigns without effect.
-        library_fit: that of what the library leaves unexplained, among all simulated campaigns.
     """
     if found.none >= limits.none and fit >= NAMING.least_fit:
         return Naming(VerdictKind.NONE, (), found.none)
-    if found.outside > NAMING.outside or library_fit < NAMING.least_fit:
+    if found.outside > NAMING.outside:
         return Naming(VerdictKind.UNKNOWN, (), found.outside)
     return several_causes(found, limits.together) or one_cause(found, limits.one, alike)
 

@@ -21,10 +21,9 @@ from numpy.typing import NDArray
 from vsr2.posterior.sets import Sets
 
 Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 FORBIDDEN = -1e9
-"""Logit of what is not allowed: its exponential is 0 beside any other, and it can be subtracted,
-which infinity cannot."""
+"""Logit of a cause outside: its exponential is 0 beside any other, and it can be subtracted, which
+infinity cannot."""
 
 
 @dataclass(frozen=True)
@@ -79,7 +78,7 @@ class Network:
     @classmethod
     def drawn(cls, sets: Sets, inputs: int, rng: np.random.Generator) -> Network:
         """With the weights that training starts from (He initialisation)."""
-        sizes = [inputs, *NETWORK.hidden, 2 * len(sets.names) + 1 + len(sets.by_size)]
+        sizes = [inputs, *NETWORK.hidden, sets.parts.shape[1]]
         weights = [rng.standard_normal((a, b)) * np.sqrt(2 / a) for a, b in pairwise(sizes)]
         weights[-1] *= NETWORK.first_outputs
         return cls(sets, weights, [np.zeros(b) for b in sizes[1:]])
@@ -92,14 +91,13 @@ class Network:
         """
         return self._layers(inputs, None)[0][-1]
 
-    def log_probability(self, inputs: Array, allowed: Bools) -> Array:
+    def log_probability(self, inputs: Array) -> Array:
         """Of every set, shape (n, sets).
 
         Args:
             inputs: shape (n, inputs).
-            allowed: effects that the hypotheses may hold, shape (n, effects).
         """
-        return _log_softmax(_logits(self.sets, self.outputs(inputs), allowed))
+        return _log_softmax(_logits(self.sets, self.outputs(inputs)))
 
     def _layers(
         self, inputs: Array, rng: np.random.Generator | None
@@ -118,14 +116,13 @@ class Network:
     def step(
         self,
         inputs: Array,
-        allowed: Bools,
         truth: NDArray[np.int64],
         weight: Array,
         rng: np.random.Generator,
     ) -> list[Array]:
         """Gradients of the weighted logarithmic score: of weights, then of biases."""
         values, kept = self._layers(inputs, rng)
-        back = self._slope(values[-1], allowed, truth) * (weight / weight.sum())[:, None]
+        back = self._slope(values[-1], truth) * (weight / weight.sum())[:, None]
         weights: list[Array] = []
         biases: list[Array] = []
         for layer in range(len(self.weights) - 1, -1, -1):
@@ -135,20 +132,19 @@ class Network:
                 back = (back @ self.weights[layer].T) * kept[layer - 1] * (values[layer] > 0)
         return [*weights, *biases]
 
-    def score(self, inputs: Array, allowed: Bools, truth: NDArray[np.int64]) -> Array:
+    def score(self, inputs: Array, truth: NDArray[np.int64]) -> Array:
         """Log probability of the true set, shape (n,).
 
         Args:
             inputs: shape (n, inputs).
-            allowed: effects that the hypotheses may hold, shape (n, effects).
-            truth: index of the true set, which is allowed, shape (n,).
+            truth: index of the true set, shape (n,).
         """
-        return _score(self.sets, self.outputs(inputs), allowed, truth)
+        return _score(self.sets, self.outputs(inputs), truth)
 
-    def _slope(self, outputs: Array, allowed: Bools, truth: NDArray[np.int64]) -> Array:
+    def _slope(self, outputs: Array, truth: NDArray[np.int64]) -> Array:
         """Of minus the log probability of the truth, by the outputs."""
         count = len(self.sets.names)
-        logits, factor, sums = _kinds(self.sets, outputs, allowed)
+        logits, factor, sums = _kinds(self.sets, outputs)
         probability = np.exp(_log_softmax(logits))
         out = np.zeros(outputs.shape)
         out[:, :count], out[:, 2 * count :] = probability[:, :count], probability[:, count:]
@@ -171,15 +167,10 @@ class SetOutputs:
     Attributes:
         sets: the hypotheses.
         outputs: of each network, shape (networks, n, outputs).
-        allowed: effects that the hypotheses may hold, shape (n, effects).
     """
 
     sets: Sets
     outputs: Array
-    allowed: Bools
-
-    def __len__(self) -> int:
-        return len(self.allowed)
 
     def score(self, index: NDArray[np.int64], temperature: float) -> Array:
         """Log probability of one set a campaign, by each network, shape (networks, n).
@@ -187,36 +178,33 @@ class SetOutputs:
         Logits are linear in the outputs, so that the temperature divides these.
 
         Args:
-            index: of the set, which is allowed, shape (n,).
+            index: of the set, shape (n,).
             temperature: by which logits are divided.
         """
-        return np.stack(
-            [_score(self.sets, one / temperature, self.allowed, index) for one in self.outputs]
-        )
+        return np.stack([_score(self.sets, one / temperature, index) for one in self.outputs])
 
-    def log_probability(self, rows: slice) -> Array:
+    def log_probability(self, rows: NDArray[np.int64]) -> Array:
         """Of every set in some campaigns, by each network, shape (networks, rows, sets)."""
-        allowed = self.allowed[rows]
-        return np.stack(
-            [_log_softmax(_logits(self.sets, one[rows], allowed)) for one in self.outputs]
-        )
+        return np.stack([_log_softmax(_logits(self.sets, one[rows])) for one in self.outputs])
 
 
-def _logits(sets: Sets, outputs: Array, allowed: Bools) -> Array:
-    """Of every set, shape (n, sets)."""
-    return np.where(sets.allowed(allowed), outputs @ sets.parts.T, FORBIDDEN)
+def _logits(sets: Sets, outputs: Array) -> Array:
+    """Of every set, shape (n, sets); no network knows a cause outside."""
+    logits = outputs @ sets.parts.T
+    logits[:, sets.outside] = FORBIDDEN
+    return logits
 
 
-def _score(sets: Sets, outputs: Array, allowed: Bools, index: NDArray[np.int64]) -> Array:
-    """Log probability of one set a campaign, which is allowed, shape (n,)."""
-    logits, *_ = _kinds(sets, outputs, allowed)
+def _score(sets: Sets, outputs: Array, index: NDArray[np.int64]) -> Array:
+    """Log probability of one set a campaign, shape (n,)."""
+    logits, *_ = _kinds(sets, outputs)
     most = logits.max(axis=1, keepdims=True)
     total = np.log(np.exp(logits - most).sum(axis=1)) + most[:, 0]
     return np.asarray((outputs * sets.parts[index]).sum(axis=1) - total)
 
 
-def _kinds(sets: Sets, outputs: Array, allowed: Bools) -> tuple[Array, Array, list[Array]]:
-    """Logits of every effect alone, of none, of all sets of each size together, of outside.
+def _kinds(sets: Sets, outputs: Array) -> tuple[Array, Array, list[Array]]:
+    """Logits of every effect alone, of none, of all sets of each size together.
 
     The sum over sets of one size of the products of their parts is an elementary symmetric
     polynomial of the parts, so that no set is computed by itself.
@@ -225,8 +213,7 @@ def _kinds(sets: Sets, outputs: Array, allowed: Bools) -> tuple[Array, Array, li
         The logits; of every part its exponential, over that of the greatest; the polynomials.
     """
     count, sizes = len(sets.names), len(sets.by_size)
-    own = np.where(allowed, outputs[:, :count], FORBIDDEN)
-    part = np.where(allowed, outputs[:, count : 2 * count], FORBIDDEN)
+    own, part = outputs[:, :count], outputs[:, count : 2 * count]
     kinds = np.array(outputs[:, 2 * count :])
     most = part.max(axis=1, keepdims=True)
     factor = np.exp(part - most)
@@ -255,14 +242,14 @@ def _sums_before(factor: Array, most: int) -> list[Array]:
     return out
 
 
-Batches = Callable[[np.random.Generator], tuple[Array, Bools, NDArray[np.int64], Array]]
-"""One pass of training campaigns: inputs, allowed effects, true sets, weights."""
+Batches = Callable[[np.random.Generator], tuple[Array, NDArray[np.int64], Array]]
+"""One pass of training campaigns: inputs, true sets, weights."""
 
 
 def train_network(
     sets: Sets,
     batches: Batches,
-    held_out: tuple[Array, Bools, NDArray[np.int64], Array],
+    held_out: tuple[Array, NDArray[np.int64], Array],
     rng: np.random.Generator,
 ) -> Network:
     """Train by Adam, and keep the weights that are best on held-out campaigns.
@@ -284,11 +271,11 @@ def train_network(
     best, kept, count = np.inf, [one.copy() for one in parameters], 0
     for number in range(NETWORK.passes):
         rate = NETWORK.rate * max(1 - number / NETWORK.passes, NETWORK.last_rate)
-        inputs, allowed, truth, weight = batches(rng)
+        inputs, truth, weight = batches(rng)
         for start in range(0, len(truth), NETWORK.batch):
             part = slice(start, start + NETWORK.batch)
             count += 1
-            slopes = network.step(inputs[part], allowed[part], truth[part], weight[part], rng)
+            slopes = network.step(inputs[part], truth[part], weight[part], rng)
             for k, (one, slope) in enumerate(zip(parameters, slopes, strict=True)):
                 mean[k] = kept_mean * mean[k] + NETWORK.mean_share * slope
                 square[k] = kept_square * square[k] + NETWORK.square_share * slope**2
@@ -306,12 +293,11 @@ def train_network(
 def log_score(
     network: Network,
     inputs: Array,
-    allowed: Bools,
     truth: NDArray[np.int64],
     weight: Array,
 ) -> float:
     """Weighted mean of minus the log probability of the true set [nat]."""
-    found = network.score(inputs, allowed, truth)
+    found = network.score(inputs, truth)
     return float(-(weight * found).sum() / weight.sum())
 
 

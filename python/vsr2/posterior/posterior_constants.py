@@ -8,14 +8,15 @@ from typing import Any
 from vsr2.posterior.calibration import CALIBRATED
 from vsr2.posterior.discrepancy import DISCREPANCY
 from vsr2.posterior.effect_curves import EFFECT_CURVE
-from vsr2.posterior.goodness_of_fit import LIBRARY_FIT
 from vsr2.posterior.naming import NAMING
 from vsr2.posterior.network import NETWORK
+from vsr2.posterior.outside import OUTSIDE
 from vsr2.posterior.parameters import PARAMETERS
 from vsr2.posterior.second_cause import SECOND_CAUSE
 from vsr2.posterior.summaries import SUMMARY
-from vsr2.posterior.training import TRAINING
 from vsr2.posterior.truth import PRIOR
+from vsr2.posterior.withheld_parts import WITHHELD
+from vsr2.posterior.within_library import TRAINING
 
 
 def posterior_constants() -> dict[str, dict[str, Any]]:
@@ -30,6 +31,7 @@ def posterior_constants() -> dict[str, dict[str, Any]]:
         "second_cause": asdict(SECOND_CAUSE),
         "calibration": asdict(CALIBRATED),
         "parameters": asdict(PARAMETERS),
-        "library_fit": asdict(LIBRARY_FIT),
+        "outside": asdict(OUTSIDE),
+        "withheld": asdict(WITHHELD),
         "naming": asdict(NAMING),
     }

@@ -11,15 +11,13 @@ weights are common to all effects, so that few campaigns suffice.
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.ensemble.simulated.campaigns import Campaigns
-from vsr2.ensemble.simulated.library import Library
 from vsr2.ensemble.simulated.linear_algebra import blocks
-from vsr2.posterior.effect_curves import EFFECT_CURVE, Curves, Design
+from vsr2.posterior.effect_curves import EFFECT_CURVE, Curves
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY
 from vsr2.posterior.truth import Truth
@@ -36,7 +34,6 @@ class SecondCauseConstants:
     """How the leading effect is fitted, and who stands beside it; chosen by hand.
 
     Attributes:
-        shrunk: share of independent chance in its covariance.
         least: probability of leading from which an effect is fitted.
         penalty: of the squares of the logit's weights, by campaign.
         copies: of each campaign on which the logit is trained, the last ones.
@@ -44,7 +41,6 @@ class SecondCauseConstants:
         tiny: below which no logarithm is taken, and by nothing less is divided.
     """
 
-    shrunk: float = 0.05
     least: float = 0.02
     penalty: float = 1e-4
     copies: int = 2
@@ -57,18 +53,32 @@ SECOND_CAUSE = SecondCauseConstants()
 
 
 @dataclass(frozen=True, eq=False)
+class SecondCause:
+    """The logit that judges what stands beside the effect that leads.
+
+    Attributes:
+        curves: by which the leading effect is fitted.
+        scale: of the features, first those of each other effect, then of nothing more.
+        weights: of these, and of the constant of nothing more.
+    """
+
+    curves: Curves
+    scale: Array
+    weights: Array
+
+
+@dataclass(frozen=True, eq=False)
 class Seen:
     """What the networks make of one campaign, of which the refinement needs a part.
 
     Attributes:
-        none, outside: probabilities.
+        none: probability.
         alone: of each effect alone, shape (effects,).
         beside: of each pair, shape (effects, effects).
         acts: of each effect in any set, shape (effects,).
     """
 
     none: float
-    outside: float
     alone: Array
     beside: Array
     acts: Array
@@ -81,8 +91,8 @@ class Seen:
         beside = np.zeros((count, count))
         beside[pairs[:, 0], pairs[:, 1]] = probability[1 + count : 1 + count + len(pairs)]
         return cls(
-            float(probability[0]), float(probability[-1]), probability[1 : 1 + count],
-            beside + beside.T, sets.marginal(probability),
+            float(probability[0]), probability[1 : 1 + count], beside + beside.T,
+            sets.marginal(probability),
         )  # fmt: skip
 
     @property
@@ -97,9 +107,7 @@ class Seen:
         return np.asarray(self.alone + (self.beside * leads).sum(axis=1))
 
 
-def features(
-    curves: Curves, own: Array, lead: int, seen: Seen, alike: Bools, allowed: Bools
-) -> Array:
+def features(curves: Curves, own: Array, lead: int, seen: Seen, alike: Bools) -> Array:
     """What is judged of each other effect, and of nothing more, beside the one that leads.
 
     Args:
@@ -108,7 +116,6 @@ def features(
         lead: index of the effect that leads.
         seen: what the networks make of the campaign.
         alike: effects declared alike, shape (effects, effects).
-        allowed: effects that the library has, shape (effects,).
 
     Returns:
         Shape (effects + 1, features), nothing more last; columns are of one or of the other.
@@ -132,7 +139,7 @@ def features(
     evidence = rise + summed - np.log(np.exp((alone - alone.max()) / heat).mean())
     evidence = np.clip(evidence, -SECOND_CAUSE.most_evidence, SECOND_CAUSE.most_evidence)
     root = np.sqrt(np.maximum(rise, 0.0))
-    other = allowed & (np.arange(len(root)) != lead)
+    other = np.arange(len(root)) != lead
     root[~other] = 0.0
     second, first = np.sort(root)[-2:]
     lone = root - np.where(root >= first, second, first)
@@ -150,13 +157,10 @@ def features(
          share * root, shape, np.full(share.shape, np.log(heat))], axis=1,
     )  # fmt: skip
     others[~other] = 0.0
-    alone_share, none, outside = np.log(
-        np.maximum([seen.alone[lead] / total, seen.none, seen.outside], SECOND_CAUSE.tiny)
-    )
+    alone_share, none = np.log(np.maximum([seen.alone[lead] / total, seen.none], SECOND_CAUSE.tiny))
     rest = evidence[other].max(initial=-SECOND_CAUSE.most_evidence)
     nothing = [
         alone_share, first, first**2, rest, alone_share * first, own_size, np.log(heat), none,
-        outside,
     ]  # fmt: skip
     out = np.zeros((len(share) + 1, others.shape[1] + len(nothing)))
     out[:-1, : others.shape[1]] = others
@@ -164,15 +168,16 @@ def features(
     return out
 
 
-def odds(curves: Curves, found: Array, allowed: Bools) -> Array:
+def odds(judge: SecondCause, found: Array, lead: int) -> Array:
     """Probability of each other effect and of nothing more, shape (..., effects + 1).
 
     Args:
-        curves: with the logit's weights.
+        judge: of them.
         found: features, shape (..., effects + 1, features).
-        allowed: what may stand there, shape (..., effects + 1).
+        lead: index of the effect that leads.
     """
-    logits = np.where(allowed, _scaled(curves, found) @ curves.weights, -np.inf)
+    logits = _scaled(judge.scale, found) @ judge.weights
+    logits[..., lead] = -np.inf
     out = np.exp(logits - logits.max(axis=-1, keepdims=True))
     return np.asarray(out / out.sum(axis=-1, keepdims=True))
 
@@ -181,23 +186,23 @@ def refined(
     probability: Array,
     sets: Sets,
     alike: Bools,
-    allowed: Bools,
     discriminants: Array,
-    curves: Sequence[Curves],
+    judges: Sequence[SecondCause],
 ) -> Array:
     """Probability of every set: what an effect has that leads is shared out again.
 
-    Shared out is what it has alone and with another; none, outside and larger sets keep theirs.
+    Shared out is what it has alone and with another; none and larger sets keep theirs.
 
     Args:
         probability: by the networks, shape (sets,).
         sets: the hypotheses.
         alike: effects declared alike, shape (effects, effects).
-        allowed: effects that the library has, shape (effects,).
         discriminants: of the campaign, shape (targets,).
-        curves: of the folds that count, whose probabilities are averaged, without the
-            discriminants of excluded effects.
+        judges: of the folds that count, whose probabilities are averaged; none: nothing is shared
+            out.
     """
+    if not judges:
+        return probability
     seen = Seen.of(probability, sets)
     leading = seen.leading
     alone, beside = np.array(seen.alone), np.array(seen.beside)
@@ -208,14 +213,11 @@ def refined(
         beside[lead, below] = beside[below, lead] = 0.0
         alone[lead] = 0.0
     for lead in led:
-        may = np.append(allowed, True)
-        may[lead] = False
-        share = np.zeros(may.size)
-        for one in curves:
-            own = (discriminants - one.origin) @ one.white
-            share += odds(one, features(one, own, int(lead), seen, alike, allowed), may) / len(
-                curves
-            )
+        share = np.zeros(leading.size + 1)
+        for one in judges:
+            own = (discriminants - one.curves.origin) @ one.curves.white
+            beside_it = features(one.curves, own, int(lead), seen, alike)
+            share += odds(one, beside_it, int(lead)) / len(judges)
         alone[lead] += leading[lead] * share[-1]
         beside[lead] += leading[lead] * share[:-1]
         beside[:, lead] += leading[lead] * share[:-1]
@@ -226,56 +228,33 @@ def refined(
     return out
 
 
-def fit_curves(
+def fit_second_cause(
     found: Array,
-    campaigns: Campaigns,
-    library: Library,
+    curves: Sequence[Curves],
     truth: Truth,
     fold: Rows,
     probability: Callable[[int, Rows], Array],
-) -> tuple[Curves, ...]:
-    """One of each fold, made of the other folds.
+) -> tuple[SecondCause, ...]:
+    """One of each fold, made of the other folds; none where no two effects act together.
 
     Args:
         found: discriminants of each copy of campaigns, shape (copies, n, targets).
-        campaigns: simulated.
-        library: effects.
+        curves: of the effects, one a fold.
         truth: of the campaigns.
         fold: group of each campaign.
         probability: of every set in some campaigns of a copy, by networks that did not see them.
     """
-    mean = found.mean(axis=0)
-    design = Design.of(campaigns, library)
-    origin = mean[campaigns.gap_free].mean(axis=0)
-    means, given = [], np.zeros(mean.shape)
-    for k in range(SUMMARY.folds):
-        points, by_others = design.fitted(mean, origin, np.flatnonzero(fold != k))
-        means.append(points)
-        given[fold == k] = by_others[fold == k]
-    white = _whitening(found[1:] - origin - given)
-    plain = [
-        Curves(white, origin, one @ white, design.sizes, np.zeros(0), np.zeros(0)) for one in means
-    ]
-    seen, rows, weight = _judged(found, plain, truth, fold, probability)
+    if not curves or not (truth.acting.sum(axis=1) == 2).any():
+        return ()
+    seen, rows, weight = _judged(found, curves, truth, fold, probability)
     scale = seen.std(axis=(0, 1)) + SECOND_CAUSE.tiny
-    others = [fold[rows[:, 0]] != k for k in range(SUMMARY.folds)]
-    scaled = [replace(one, scale=scale) for one in plain]
+    judged = [fold[rows[:, 0]] != k for k in range(SUMMARY.folds)]
     return tuple(
-        replace(one, weights=_conditional_logit(_scaled(one, seen[own]), rows[own], weight[own]))
-        for one, own in zip(scaled, others, strict=True)
+        SecondCause(
+            one, scale, _conditional_logit(_scaled(scale, seen[own]), rows[own], weight[own])
+        )
+        for one, own in zip(curves, judged, strict=True)
     )
-
-
-def _whitening(left: Array) -> Array:
-    """From discriminants to those whose chance has unit covariance; large ones count for less."""
-    flat = left.reshape(-1, left.shape[-1])
-    scale = flat.std(axis=0) + SECOND_CAUSE.tiny
-    flat = flat / scale
-    size = np.sqrt((flat**2).mean(axis=1, keepdims=True))
-    flat = flat / np.maximum(size / np.median(size), 1.0)
-    covariance = (1 - SECOND_CAUSE.shrunk) * flat.T @ flat / len(flat)
-    covariance[np.diag_indices(len(covariance))] += SECOND_CAUSE.shrunk
-    return np.asarray(np.linalg.inv(np.linalg.cholesky(covariance)).T / scale[:, None])
 
 
 def _judged(
@@ -312,18 +291,18 @@ def _beside_each(
     count = len(truth.sets.names)
     acting = [int(e) for e in np.flatnonzero(truth.acting[campaign])]
     for lead in acting:
-        found = features(curves, own, lead, seen, truth.alike, np.ones(count, dtype=bool))
+        found = features(curves, own, lead, seen, truth.alike)
         beside = next((e for e in acting if e != lead), count)
         weight = float(truth.weight[campaign] * seen.leading[lead])
         yield found.astype(np.float32), (campaign, lead, beside), weight
 
 
-def _scaled(curves: Curves, found: Array) -> Array:
+def _scaled(scale: Array, found: Array) -> Array:
     """Features in their deviations, and the constant of nothing more."""
     most = SECOND_CAUSE.most_deviation
     out = np.zeros((*found.shape[:-1], found.shape[-1] + 1))
     scaled = out[..., :-1]
-    np.divide(found, curves.scale, out=scaled)
+    np.divide(found, scale, out=scaled)
     np.clip(scaled, -most, most, out=scaled)
     out[..., -1, -1] = 1.0
     return out

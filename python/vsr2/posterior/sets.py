@@ -68,29 +68,33 @@ class Sets:
         """Outputs of a network of which the logit of each set is the sum, shape (sets, outputs).
 
         They are of every effect alone, of every effect in a larger set, of none and of each larger
-        size, and of outside.
+        size. Outside has none.
         """
         count, size = len(self.names), self.size
-        out = np.zeros((len(self), 2 * count + 1 + len(self.by_size)))
+        out = np.zeros((len(self), 2 * count + len(self.by_size)))
         out[1 : 1 + count, :count] = np.eye(count)
         larger = np.flatnonzero(size > 1)
         out[larger, count : 2 * count] = self.members[larger]
         out[larger, 2 * count + size[larger] - 1] = 1.0
-        out[0, 2 * count] = out[-1, -1] = 1.0
+        out[0, 2 * count] = 1.0
         return out
+
+    def within(self, other: Sets) -> NDArray[np.int64]:
+        """Index in a larger library's sets of each of these, outside last, shape (sets,).
+
+        Args:
+            other: sets of the larger library, of at least as many effects together.
+        """
+        place = [other.names.index(name) for name in self.names]
+        held = np.zeros((len(self), len(other.names)), dtype=bool)
+        held[:, place] = self.members
+        known = {row.tobytes(): k for k, row in enumerate(other.members[:-1])}
+        return np.array([*(known[row.tobytes()] for row in held[:-1]), other.outside])
 
     def index(self, names: Collection[str]) -> int:
         """Of a set of at most `most` effects."""
         wanted = np.isin(self.names, list(names))
         return int(np.flatnonzero((self.members[:-1] == wanted).all(axis=1))[0])
-
-    def allowed(self, effects: NDArray[np.bool_]) -> NDArray[np.bool_]:
-        """Which sets hold nothing but some effects, shape (..., sets).
-
-        Args:
-            effects: shape (..., effects).
-        """
-        return np.asarray(~((~effects).astype(np.float64) @ self.members.T > 0))
 
     def marginal(self, probability: Array) -> Array:
         """Probability that each effect acts, shape (..., effects)."""

@@ -213,6 +213,20 @@ class Summaries:
         )
         return self.complete(residuals, found)
 
+    def by_folds(self, residuals: Floats, fold: Rows) -> Array:
+        """The same, each campaign by the regression of its fold alone, as those regressed on are.
+
+        Args:
+            residuals: shape (n, columns).
+            fold: group of each campaign, shape (n,).
+        """
+        found = np.zeros((len(fold), self.deviation.size))
+        for k, (way, intercept) in enumerate(zip(self.coefficients, self.intercepts, strict=True)):
+            own = np.flatnonzero(fold == k)
+            for part in blocks(own.size, residuals.shape[1]):
+                found[own[part]] = residuals[own[part]].astype(np.float64) @ way + intercept
+        return self.complete(residuals, found)
+
     def complete(self, residuals: Floats, discriminants: Array) -> Array:
         """Discriminants in their deviations, sizes of residuals, means of channels.
 
@@ -231,18 +245,6 @@ class Summaries:
         own, rest = (part.reshape(len(part), -1, self.trials) for part in (residuals, left))
         sizes = [np.log((part**2).mean(axis=2) + SUMMARY.least_size) for part in (own, rest)]
         return np.concatenate([discriminants / self.deviation, *sizes, own.mean(axis=2)], axis=1)
-
-    def unexplained(self, summaries: Array) -> tuple[Array, Array]:
-        """Misfit of campaigns, and the part of it that the discriminants do not reproduce.
-
-        Args:
-            summaries: shape (n, summaries).
-
-        Returns:
-            Logarithms of both, means over the channels, each shape (n,).
-        """
-        own, left, _ = np.split(summaries[:, len(self.deviation) :], 3, axis=1)
-        return own.mean(axis=1), left.mean(axis=1)
 
 
 def targets(campaigns: Campaigns, names: tuple[str, ...]) -> tuple[Array, NDArray[np.int64]]:
@@ -268,6 +270,7 @@ def fit_summaries(
     names: tuple[str, ...],
     fold: Rows,
     trials: int,
+    among: Rows | None = None,
 ) -> tuple[Summaries, list[Array]]:
     """Regressions, and the summaries of the campaigns that they are made on.
 
@@ -275,11 +278,12 @@ def fit_summaries(
     among them, so that without one a regression on the other folds would know this fold's mean.
 
     Args:
-        copies: residuals of all campaigns, undisturbed and disturbed, each (n, columns).
-        campaigns: the same.
+        copies: residuals of campaigns, undisturbed and disturbed, each (n, columns).
+        campaigns: the same, or those among them that are used.
         names: of the effects.
         fold: group of each campaign; it is summarised by regressions on the other groups.
         trials: of a campaign.
+        among: indices of those that are used among the copies; None: all, in their order.
 
     Returns:
         The summaries, and those of each copy, shape (n, summaries).
@@ -287,6 +291,7 @@ def fit_summaries(
     wanted, effect = targets(campaigns, names)
     used = copies[: SUMMARY.copies]
     penalties = [one * copies[0].shape[1] for one in SUMMARY.penalties]
+    rows_of = np.arange(len(fold)) if among is None else among
     held = [np.flatnonzero(fold == k) for k in range(SUMMARY.folds)]
     # By penalty.
     fitted: list[list[Array]] = [[] for _ in penalties]
@@ -294,7 +299,7 @@ def fit_summaries(
     for k in range(SUMMARY.folds):
         rows = np.flatnonzero(fold != k)
         mean = wanted[rows].mean(axis=0)
-        centre, ways = ridge_of_copies(used, rows, wanted[rows] - mean, penalties)
+        centre, ways = ridge_of_copies(used, rows_of[rows], wanted[rows] - mean, penalties)
         for p, way in enumerate(ways):
             fitted[p].append(way)
             intercepts[p].append(mean - centre @ way)
@@ -303,7 +308,7 @@ def fit_summaries(
         out = np.zeros(wanted.shape)
         for own, way, intercept in zip(held, fitted[p], intercepts[p], strict=True):
             for part in blocks(own.size, copy.shape[1]):
-                out[own[part]] = copy[own[part]].astype(np.float64) @ way + intercept
+                out[own[part]] = copy[rows_of[own[part]]].astype(np.float64) @ way + intercept
         return out
 
     acts = effect >= 0
@@ -316,27 +321,28 @@ def fit_summaries(
     out = Summaries(
         np.stack(fitted[best]),
         np.stack(intercepts[best]),
-        _reproduction(found, used),
+        _reproduction(found, used, rows_of),
         np.concatenate([one[campaigns.gap_free] for one in found]).std(axis=0)
         + SUMMARY.least_deviation,
         effect,
         trials,
     )
-    return out, [out.complete(copy, one) for copy, one in zip(copies, found, strict=True)]
+    return out, [out.complete(copy[rows_of], one) for copy, one in zip(copies, found, strict=True)]
 
 
-def _reproduction(discriminants: Sequence[Array], copies: Sequence[Floats]) -> Array:
+def _reproduction(discriminants: Sequence[Array], copies: Sequence[Floats], among: Rows) -> Array:
     """Ridge regression of residuals on discriminants, shape (targets, columns).
 
     Args:
         discriminants: of each copy, shape (n, targets); of more copies than the residuals.
-        copies: residuals, each (n, columns).
+        copies: residuals, each of more campaigns, with as many columns.
+        among: indices of the campaigns among these, shape (n,).
     """
     count = discriminants[0].shape[1]
     gram = SUMMARY.reproduction * np.eye(count)
     product = np.zeros((count, copies[0].shape[1]))
     for own, copy in zip(discriminants, copies, strict=False):
         gram += own.T @ own
-        for rows in blocks(*copy.shape):
-            product += own[rows].T @ copy[rows].astype(np.float64)
+        for rows in blocks(among.size, copy.shape[1]):
+            product += own[rows].T @ copy[among[rows]].astype(np.float64)
     return np.asarray(np.linalg.solve(gram, product))

@@ -73,12 +73,10 @@ class FullInference:
     Attributes:
         posterior: trained for all of them.
         found: inference on the campaign.
-        excluded: effects that are not looked for.
     """
 
     posterior: Posterior
     found: Found
-    excluded: Sequence[str] = ()
 
 
 @dataclass(frozen=True, eq=False)
@@ -241,16 +239,16 @@ def _drawn_sets(
 ) -> list[Effects]:
     """Effects with parameters, drawn from the posterior that some trials give."""
     own = trials[known]
+    # What acts in no simulated campaign cannot be drawn: nothing is known of its parameters.
+    parameters = full.posterior.parameters
+    library = {n: one for n, one in parameters.library.items() if n in parameters.known}
     part = train(
-        seen, campaigns.of_trials(known), full.posterior.parameters.library, own,
+        seen, campaigns.of_trials(known), library, own,
         most=full.posterior.sets.most, seed=seed,
     )  # fmt: skip
-    # What acts in no simulated campaign cannot be drawn: nothing is known of its parameters.
-    unknown = set(part.sets.names) - part.parameters.known
-    found = part.infer(seen.overturned[own], seen.features[own], unknown.union(full.excluded))
+    found = part.infer(seen.overturned[own], seen.features[own])
     rng = generator(seed, Stream.WATERFALL)
     chosen = rng.choice(found.probability.size, HELD_OUT.members, p=found.probability)
-    library = part.parameters.library
     held = part.sets.members[chosen]
     acting = [n for k, n in enumerate(part.sets.names) if held[:, k].any()]
     samples = {n: part.parameters.sample(n, found.residuals, rng) for n in acting}

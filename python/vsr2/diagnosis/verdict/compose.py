@@ -69,7 +69,7 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
     verdict, found, posterior = evidence.verdict, evidence.found, evidence.posterior
     how_far, sets = evidence.how_far, posterior.sets
     seed = provenance["seed"]
-    effects = _effects(evidence, set(provenance.get("excluded", ())), seed)
+    effects = _effects(evidence, seed)
     limits = limits_of_the_verdict(verdict, how_far, found, posterior, effects, provenance)
     limits += limits_of_the_data(
         seen, evidence.responding, posterior, evidence.insensitive, evidence.layers, provenance
@@ -116,7 +116,11 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
             }
             for name in CONTROLS
         },
-        "posterior": asdict(posterior.levels) | {"campaigns": posterior.campaigns},
+        "posterior": {
+            "temperature": posterior.within.temperature,
+            **asdict(posterior.levels),
+            "campaigns": posterior.campaigns,
+        },
         "next_measurement": measure and measure.to_json(),
         "limits": [limit.to_json() for limit in limits],
         "corrected": None,
@@ -135,7 +139,6 @@ def _gap(evidence: Evidence) -> dict[str, Any]:
     return {
         "state": str(evidence.verdict.gap),
         "fit": evidence.found.fit,
-        "library_fit": evidence.found.library_fit,
         "effects": list(how_far.names),
         **{name: how_far.mean(name).to_json() for name in (Loss.BEFORE, Loss.AFTER, Loss.FLOOR)},
         "excess": how_far.excess(Loss.BEFORE).to_json(),
@@ -147,7 +150,7 @@ def _gap(evidence: Evidence) -> dict[str, Any]:
     }
 
 
-def _effects(evidence: Evidence, excluded: set[str], seed: int) -> list[dict[str, Any]]:
+def _effects(evidence: Evidence, seed: int) -> list[dict[str, Any]]:
     """One row an effect, the most probable first."""
     found, posterior = evidence.found, evidence.posterior
     leads = posterior.sets.leading(found.probability[None])[0]
@@ -161,7 +164,6 @@ def _effects(evidence: Evidence, excluded: set[str], seed: int) -> list[dict[str
             "parameters": _parameters(evidence, name, seed),
         }
         for k, name in enumerate(posterior.sets.names)
-        if name not in excluded
     ]
     return sorted(out, key=lambda row: -row["probability"])
 
@@ -223,8 +225,6 @@ def _sets(found: Found, posterior: Posterior) -> list[dict[str, Any]]:
     sets = posterior.sets
     out = []
     for k in np.argsort(-found.probability, kind="stable")[: LIMITS.sets]:
-        if found.probability[k] == 0:
-            break  # What holds an excluded effect is no hypothesis.
         names = [name for name, held in zip(sets.names, sets.members[k], strict=True) if held]
         if k == sets.outside:
             names = [UNKNOWN]

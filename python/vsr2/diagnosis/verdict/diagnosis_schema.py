@@ -95,13 +95,11 @@ class _Layers(SchemaPart):
 class _Gap(SchemaPart):
     """Losses a trial [nat], and what they say together.
 
-    `fit`: tail probability of the campaign among simulated ones without effect. `library_fit`: that
-    of what the library leaves unexplained beyond what is expected, among all simulated campaigns.
+    `fit`: tail probability of the campaign among simulated ones without effect.
     """
 
     state: GapState
     fit: Share
-    library_fit: Share
     effects: list[str]
     before: Estimate
     after: Estimate

@@ -69,11 +69,7 @@ def verdict_of(found: Found, posterior: Posterior) -> Verdict:
     reached = {"probability": probability, "wanted": levels.least_name}
     match said.kind:
         case VerdictKind.UNKNOWN:
-            if probability > NAMING.outside:
-                reasons.append(Statement.of(ReasonCode.OUTSIDE_OUTWEIGHS, probability=probability))
-            if found.library_fit < NAMING.least_fit:
-                left = {"fit": found.library_fit, "limit": NAMING.least_fit}
-                reasons.append(Statement.of(ReasonCode.UNEXPLAINED, **left))
+            reasons.append(Statement.of(ReasonCode.OUTSIDE_OUTWEIGHS, probability=probability))
         case VerdictKind.PAIR | VerdictKind.SEVERAL:
             reached["wanted"] = levels.least_together
             reasons.append(Statement.of(ReasonCode.TOGETHER_REACHED, **reached))

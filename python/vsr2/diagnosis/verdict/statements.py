@@ -42,8 +42,6 @@ class ReasonCode(Code):
     SECOND_EFFECT_LIKELY = "second_effect_likely", {"probability": float}
     EQUIVALENT_HERE = "equivalent_here"
     OUTSIDE_OUTWEIGHS = "outside_outweighs", {"probability": float}
-    UNEXPLAINED = "unexplained", {"fit": float, "limit": float}
-    """`fit`: tail probability of what the library leaves unexplained, among simulated campaigns."""
     TOO_MANY_NEEDED = (
         "too_many_needed",
         {"effects": NAMES, "probability": float, "wanted": float, "classes": int},

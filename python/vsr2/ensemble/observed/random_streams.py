@@ -30,8 +30,8 @@ class Stream(IntEnum):
     """First weights of a network, and passes of its training."""
     COPIES = 32
     """Disturbed copies of simulated campaigns."""
-    LACKING = 33
-    """Effects that the library is taken to lack."""
+    PARTS = 33
+    """Networks of parts of the library."""
     PARAMETERS = 41
     """Samples of parameters of which estimates are made."""
     HELD_OUT_PARAMETERS = 42

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
@@ -125,6 +125,22 @@ class Campaigns:
         series = None if self.features is None else self.features[:, kept]
         return Campaigns(
             self.sets, self.nuisances, self.overturned[:, kept], self.peak_tilt[:, kept], series
+        )
+
+    def within(self, names: Collection[str]) -> Campaigns:
+        """Those in which no other effects act than some."""
+        known = [all(one.name in names for one in acting) for acting in self.sets]
+        return self if all(known) else self.chosen(np.flatnonzero(known))
+
+    def chosen(self, rows: NDArray[np.int64]) -> Campaigns:
+        """Some campaigns, by their indices."""
+        series = None if self.features is None else self.features[rows]
+        return Campaigns(
+            tuple(self.sets[k] for k in rows),
+            self.nuisances[rows],
+            self.overturned[rows],
+            self.peak_tilt[rows],
+            series,
         )
 
     @cached_property

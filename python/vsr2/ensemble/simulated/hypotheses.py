@@ -51,7 +51,8 @@ class Hypotheses(OnlyGiven):
     Attributes:
         library: effects that may be the cause; None: all that are registered.
         exclude: names of effects that are not looked for. They are simulated all the same, so that
-            diagnoses of several campaigns share simulations whatever each leaves out.
+            diagnoses of several campaigns share simulations whatever each leaves out. Campaigns in
+            which they act are kept from the training, as if nobody knew of them.
         priors: other priors, by `effect.parameter`: a distribution, or the lower and upper end of
             one of the parameter's own shape, in its unit.
         nuisances: what is uncertain about the set-up.

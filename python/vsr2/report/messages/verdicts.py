@@ -144,7 +144,6 @@ def verdict_sentence(content: Mapping[str, Any]) -> str:
         if verdict["probability"] < 0.995
         else "over 99 %",
         alike=ReasonCode.EQUIVALENT_HERE in reasons,
-        unexplained=ReasonCode.UNEXPLAINED in reasons,
         found=standing_out(content),
         **content,
     )

@@ -1,0 +1,173 @@
+"""Parts of the library that are withheld in turn, as if nobody had simulated them.
+
+No network can learn a cause that was never simulated. So parts of the library are withheld, each
+with all that is declared alike to it, and everything is learned from the campaigns that are left.
+Then campaigns of a part are what campaigns of an unknown cause are: leave-one-class-out, with which
+outliers are exposed (D. Hendrycks, M. Mazeika and T. Dietterich, "Deep anomaly detection with
+outlier exposure", ICLR 2019).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from vsr2.ensemble.observed.random_streams import Stream, generator
+from vsr2.ensemble.simulated.campaigns import Campaigns
+from vsr2.ensemble.simulated.library import Library
+from vsr2.posterior.sets import Sets
+from vsr2.posterior.summaries import SUMMARY, Floats
+from vsr2.posterior.truth import Truth
+from vsr2.posterior.within_library import WithinLibrary, held_out_left, learned_of_part
+
+Array = NDArray[np.float64]
+Bools = NDArray[np.bool_]
+Rows = NDArray[np.int64]
+
+
+@dataclass(frozen=True)
+class WithheldConstants:
+    """What is withheld; chosen by hand.
+
+    Attributes:
+        share: of the library that is withheld at once, at most, unless the effects that are
+            declared alike to one are more.
+    """
+
+    share: float = 0.2
+
+
+WITHHELD = WithheldConstants()
+
+
+@dataclass(frozen=True)
+class LibraryPart:
+    """A part of the library that is withheld.
+
+    Attributes:
+        effects: that it holds, indices.
+        unknown: those of them that nothing is declared alike to which is left.
+    """
+
+    effects: tuple[int, ...]
+    unknown: tuple[int, ...]
+
+
+def parts_of(alike: Bools) -> Iterator[LibraryPart]:
+    """Parts of a library, so that each effect is once without anything alike; never all of it.
+
+    Args:
+        alike: effects declared alike, shape (effects, effects).
+    """
+    count = len(alike)
+    classes = [frozenset(np.flatnonzero(row).tolist()) | {k} for k, row in enumerate(alike)]
+    most = max([int(np.ceil(WITHHELD.share * count)), *map(len, classes)], default=0)
+    left = set(range(count))
+    while left:
+        part: frozenset[int] = frozenset()
+        while fitting := [k for k in sorted(left) if len(part | classes[k]) <= most]:
+            # The fewest that are added for each that becomes unknown.
+            costs = [
+                (len(part | classes[k]) - len(part))
+                / sum(classes[other] <= part | classes[k] for other in left)
+                for k in fitting
+            ]
+            part |= classes[fitting[int(np.argmin(costs))]]
+            left -= {k for k in left if classes[k] <= part}
+        if len(part) < count:
+            unknown = tuple(k for k in sorted(part) if classes[k] <= part)
+            yield LibraryPart(tuple(sorted(part)), unknown)
+
+
+@dataclass(frozen=True, eq=False)
+class WithheldPart:
+    """What a library that lacks a part makes of the last copy of campaigns.
+
+    Attributes:
+        rows: indices of campaigns whose cause is withheld.
+        probability: of every set of the whole library in these, given that the cause is in the
+            part that is left, shape (withheld, sets).
+        left: what is left over of these, shape (withheld, most + 1).
+        weight: of these.
+        known: what is left over of campaigns whose cause is not withheld, shape (n, most + 1).
+        known_weight: of these.
+    """
+
+    rows: Rows
+    probability: Array
+    left: Array
+    weight: Array
+    known: Array
+    known_weight: Array
+
+    @property
+    def samples(self) -> tuple[tuple[Array, Array, bool], ...]:
+        """Of which the probability of a cause outside is learned: see :meth:`Outside.of`."""
+        return (self.left, self.weight, True), (self.known, self.known_weight, False)
+
+
+def withheld(
+    residuals: Sequence[Floats],
+    campaigns: Campaigns,
+    library: Library,
+    truth: Truth,
+    fold: Rows,
+    of_all: WithinLibrary,
+    seed: int,
+) -> list[WithheldPart]:
+    """What is made of campaigns while each part of the library is withheld: see :func:`parts_of`.
+
+    Campaigns in which an effect acts that is withheld beside one that is not, or beside which
+    something alike is left, count as neither known nor unknown.
+
+    Args:
+        residuals: of each copy of the campaigns, shape (n, columns).
+        campaigns: simulated.
+        library: effects.
+        truth: of the campaigns.
+        fold: group of each campaign.
+        of_all: what is learned of all of the library.
+        seed: of the training.
+    """
+    out: list[WithheldPart] = []
+    if not of_all.curves:
+        return out
+    for number, part in enumerate(parts_of(truth.alike)):
+        acts = truth.acting[:, list(part.effects)].any(axis=1)
+        unknown = np.isin(np.arange(len(library)), part.unknown)
+        rows = np.flatnonzero(acts & ~truth.acting[:, ~unknown].any(axis=1))
+        among = np.flatnonzero(~acts)
+        lacking = {name for k, name in enumerate(library) if k in part.effects}
+        rest = {name: one for name, one in library.items() if name not in lacking}
+        known = campaigns.chosen(among)
+        own_truth = Truth.of(known, Sets(tuple(rest), truth.sets.most), rest)
+        if not rows.size or known.gap_free.all():
+            continue
+        own, found = learned_of_part(
+            residuals,
+            known,
+            rest,
+            own_truth,
+            fold[among],
+            of_all,
+            among,
+            generator(seed, Stream.PARTS, number),
+        )
+        summaries = own.summaries.by_folds(residuals[-1][rows], fold[rows])
+        probability = np.zeros((rows.size, len(truth.sets)))
+        place, by_network = own.sets.within(truth.sets), own.pooled(summaries)
+        for k in range(SUMMARY.folds):
+            held = np.flatnonzero(fold[rows] == k)
+            by_fold = own.of_fold(k, own.networks)
+            found_there = by_fold.refined(by_network[held], summaries[held])
+            probability[np.ix_(held, place)] = found_there
+        out.append(
+            WithheldPart(
+                rows, probability, held_out_left(own, summaries, fold[rows]), truth.weight[rows],
+                held_out_left(own, found, fold[among]), truth.weight[among],
+            )
+        )  # fmt: skip
+    return out
