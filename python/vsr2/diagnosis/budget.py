@@ -52,7 +52,7 @@ class ScheduleConstants:
     least_trials: int = 40
     most: int = 8000
     first: float = 0.1
-    training_s: float = 0.03
+    training_s: float = 0.1
     least_training_s: float = 1e-4
     leading: int = 3
     least_clock_s: float = 1e-3
