@@ -23,7 +23,7 @@ from vsr2.posterior.discrepancy import DISCREPANCY
 from vsr2.posterior.effect_curves import EFFECT_CURVE, Curves
 from vsr2.posterior.file_arrays import FileArrays
 from vsr2.posterior.naming import NAMING
-from vsr2.posterior.network import NETWORK, Network
+from vsr2.posterior.network import NETWORK, Floats, Network
 from vsr2.posterior.outside import OUTSIDE, Outside
 from vsr2.posterior.parameters import PARAMETERS, Parameters
 from vsr2.posterior.second_cause import SECOND_CAUSE, SecondCause
@@ -230,13 +230,16 @@ def _checked(
 def _network(arrays: FileArrays, sets: Sets, k: int, layers: int, summaries: int) -> Network:
     """One network, from summaries to what the sets are made of."""
     inputs = summaries
-    weights, biases = [], []
+    weights: list[Floats] = []
+    biases: list[Floats] = []
     for layer in range(layers):
         outputs: str | int = f"units {k} {layer}"
         if layer == layers - 1:
             outputs = sets.parts.shape[1]
-        weights.append(arrays.numbers(f"weight {k} {layer}", inputs, outputs))
-        biases.append(arrays.numbers(f"bias {k} {layer}", outputs))
+        weight = arrays.numbers(f"weight {k} {layer}", inputs, outputs)
+        bias = arrays.numbers(f"bias {k} {layer}", outputs)
+        weights.append(weight.astype(np.float32, copy=False))
+        biases.append(bias.astype(np.float32, copy=False))
         inputs = weights[-1].shape[1]
     return Network(sets, weights, biases)
 
