@@ -100,9 +100,10 @@ def not_wrong(verdict: str, named: set[str], acting: set[str]) -> bool:
 
 
 def row_of(found: Found, posterior: Posterior, kind: str, acting: Sequence[Acting]) -> Row:
-    """What scoring needs of one campaign."""
+    """What scoring needs of one campaign, whose cause is in the library: given that it is."""
     names, sets = posterior.sets.names, posterior.sets
-    p = by_class(found.probability, posterior)
+    within = np.append(found.probability[:-1], 0.0)
+    p = by_class(within / within.sum(), posterior)
     groups = {class_of(one.name)[0] for one in acting}
     true = {NONE} if kind == NONE else groups
     effects = {group: value for group, value in p.items() if group not in (NONE, UNKNOWN)}
@@ -116,7 +117,7 @@ def row_of(found: Found, posterior: Posterior, kind: str, acting: Sequence[Actin
     named = {class_of(names[e])[0] for e in said.effects}
     p_true = sum(p[group] for group in true)
     if kind == "pair":
-        p_true = pair_probability(found, posterior, groups)
+        p_true = pair_probability(found, posterior, groups) / float(within.sum())
     return {
         "kind": kind,
         "effect": "+".join(one.name for one in acting),
@@ -130,7 +131,7 @@ def row_of(found: Found, posterior: Posterior, kind: str, acting: Sequence[Actin
         "p_true": p_true,
         "p_top": p[top],
         "p_none": p[NONE],
-        "p_unknown": p[UNKNOWN],
+        "p_unknown": float(found.probability[-1]),
         "covered": int(true <= held),
         "set_size": len(held),
     }

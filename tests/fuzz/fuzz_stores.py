@@ -250,6 +250,7 @@ def posterior(path: Path) -> bytes:
             gap_free=columns,
             misfits=np.ones(3),
             campaigns=150,
+            trained_on=150,
         ),
         path,
     )

@@ -261,6 +261,8 @@ def test_a_campaign_is_summarised_by_regressions_that_did_not_see_it(planted_dir
             moved = (copy - x.mean(axis=0)) @ fitted[-1] + y.mean(axis=0)
             own = (moved / summaries.deviation)[fold == k]
             np.testing.assert_allclose(summary[fold == k, :4], own, rtol=1e-9, atol=1e-12)
+    for copy, summary in zip(copies, found, strict=True):
+        np.testing.assert_allclose(summaries.by_folds(copy, fold), summary, rtol=1e-9, atol=1e-12)
     # A new campaign by the mean of all of them.
     new = copies[0][:3]
     mean = new @ np.mean(fitted, axis=0) + np.mean(summaries.intercepts, axis=0)

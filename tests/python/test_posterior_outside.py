@@ -28,8 +28,13 @@ def test_each_effect_is_withheld_once_with_all_that_is_alike(count: int) -> None
         for effect in part.effects:
             alone = set(np.flatnonzero(alike[effect])) <= own
             assert (effect in part.unknown) == alone
-    everything_alike = [k for k in range(count) if alike[k].sum() == count - 1]
-    assert set(unknown) == set(range(count)) - set(everything_alike)
+    assert set(unknown) == {k for k in range(count) if alike[k].sum() < count - 1}
+
+
+def test_what_is_alike_to_all_others_keeps_none_of_them_from_being_withheld() -> None:
+    star = np.zeros((4, 4), dtype=bool)
+    star[0, 1:] = star[1:, 0] = True
+    assert {effect for part in parts_of(star) for effect in part.unknown} == {1, 2, 3}
 
 
 def test_nothing_is_withheld_where_nothing_would_be_left() -> None:

@@ -162,7 +162,7 @@ def diagnose_pack(
     how = _effort(budget) | {"seed": seed}
     older = _older(out, pack, how)
     # Campaigns that share a posterior are neighbours.
-    chosen.sort(key=lambda name: listed[name].protocol)
+    chosen.sort(key=lambda name: (listed[name].protocol, sorted(listed[name].exclude)))
     asked = [(tier, name) for tier in wanted for name in chosen]
     due = [(t, n) for t, n in asked if older or not (out / n / t / DIAGNOSIS_FILE).exists()]
     say(Statement.of(EventCode.CHECKING, due=len(due), of=len(asked)))

@@ -247,7 +247,7 @@ def check_with(
     sizes = (
         count, known["budget"]["trials"], *(looked_at[one] for one in ("among", "trials", "plain"))
     )  # fmt: skip
-    excluded = known["excluded"]
+    excluded = set(known["excluded"]) & set(simulator.library)
     posterior = load_posterior(
         posterior_file(cache.folder, simulator.identity, seen, sizes, seed, most, excluded),
         {name: one for name, one in simulator.library.items() if name not in excluded},
@@ -288,7 +288,7 @@ def check_with(
             "tier": seen.tier,
             "seed": seed,
             "campaigns": posterior.campaigns,
-            "excluded": list(excluded),
+            "excluded": sorted(excluded),
             "constants": check_constants(),
             "simulated_in_this_run": simulated,
         },

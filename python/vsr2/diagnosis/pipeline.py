@@ -351,7 +351,7 @@ class _Work:
         identity = self.store.simulator.identity
         return posterior_file(
             cache.folder, identity, self.seen, simulated, asked.seed, asked.most_effects,
-            asked.excluded,
+            set(asked.excluded) & set(self.store.simulator.library),
         )  # fmt: skip
 
     def _trained(self, campaigns: Campaigns, trials: NDArray[np.int64], done: int) -> Posterior:

@@ -64,7 +64,8 @@ class Levels:
         none_limit: 5 % point of the probability of none over gap-free campaigns.
         least_name: probability, given a gap, that the name of one cause must have.
         least_together: that of the names of causes that act together.
-        set_level: probability before a label up to which the 90 % sets hold it.
+        set_level: probability before a label up to which the 90 % sets hold it, so that nine in ten
+            hold a true one where the cause is in the library.
         wrong, named: shares of held-out campaigns with a gap that are named wrongly, and named.
         detection_rate: share of causes outside the library that are said to be so.
     """
@@ -185,12 +186,13 @@ def calibrate(judged: JudgedCampaigns, truth: Truth, fit: Array) -> Levels:
         decide(judged.found[k], chosen, truth.alike, fit=float(fit[k])).kind is VerdictKind.UNKNOWN
         for k in np.flatnonzero(judged.unknown)
     ]
-    index = np.where(judged.unknown, truth.sets.outside, truth.index[judged.row])
+    known = ~judged.unknown
+    index = truth.index[judged.row[known]]
     return Levels(
         none_limit=none_limit,
         least_name=chosen.one,
         least_together=chosen.together,
-        set_level=_set_level(judged.labels, index, judged.weight, truth.sets),
+        set_level=_set_level(judged.labels[known], index, judged.weight[known], truth.sets),
         wrong=wrong,
         named=named,
         detection_rate=float(np.mean(unknown) if unknown else 0),

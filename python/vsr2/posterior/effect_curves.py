@@ -176,7 +176,9 @@ class Design:
 def fit_curves(
     found: Array, campaigns: Campaigns, library: Library, fold: Rows
 ) -> tuple[Curves, ...]:
-    """One of each fold, made of the other folds; none where no campaign is without effect.
+    """One of each fold, made of the other folds.
+
+    There are none where all campaigns are without effect, or none is.
 
     Args:
         found: discriminants of each copy of campaigns, shape (copies, n, targets).

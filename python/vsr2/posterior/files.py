@@ -119,6 +119,7 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
         "temperature": within.temperature,
         "levels": asdict(posterior.levels),
         "campaigns": posterior.campaigns,
+        "trained_on": posterior.trained_on,
     }
     about = np.array(json.dumps(content))
     write_atomic(path, lambda file: np.savez(file, about=about, **arrays))  # type: ignore[arg-type]
@@ -224,6 +225,7 @@ def _checked(
         gap_free=arrays.numbers("gap_free", "plain", columns).astype(np.float32, copy=False),
         misfits=arrays.numbers("misfits", "misfits"),
         campaigns=_count(about, "campaigns"),
+        trained_on=_count(about, "trained_on"),
     )
 
 

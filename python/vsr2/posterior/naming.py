@@ -127,7 +127,7 @@ def candidates(probability: Array, sets: Sets, alike: NDArray[np.bool_]) -> Cand
     while len(chosen) < count:
         gain = left @ sets.members
         gain[chosen] = 0.0
-        # What adds nothing, as what the library lacks, is no candidate.
+        # What adds nothing is no candidate.
         if chosen and not gain.max() > 0:
             break
         chosen.append(int(np.argmax(gain)))

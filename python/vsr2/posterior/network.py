@@ -1,8 +1,8 @@
 """A small network from summaries to the probability of every set of effects.
 
 Its outputs are a score for every effect alone, one for every effect as a part of a larger set, and
-one each for none, a pair, three effects and so on, and outside. The logit of a larger set is the
-sum of its parts and of that of its size, so that a set needs no campaigns of its own. Trained by
+one each for none, a pair, three effects and so on. The logit of a larger set is the sum of its
+parts and of that of its size, so that a set needs no campaigns of its own. Trained by
 the logarithmic score on simulated campaigns, its probabilities are those of the hypotheses given
 the summaries (P. Pudlo et al., "Reliable ABC model choice via random forests", Bioinformatics 32,
 2016; S. T. Radev et al., "Amortized Bayesian model comparison with evidential deep learning", IEEE

@@ -4,7 +4,7 @@ No network can learn a cause that was never simulated. What tells such a campaig
 not depend on which cause it is. It is how far the effects' curves stay away from the campaign,
 before any effect is fitted, after one, after two and so on: logarithms of chi-squares. A logistic
 regression on these gives the probability of a cause outside. It is learned from parts of the
-library that are withheld (:mod:`withheld_parts`).
+library that are withheld (:mod:`vsr2.posterior.withheld_parts`).
 """
 
 from __future__ import annotations
@@ -28,10 +28,12 @@ class OutsideConstants:
     Attributes:
         penalty: of the squares of the regression's coefficients, by campaign.
         least: of what is left over by degree of freedom, before the logarithm.
+        tiny: least probability of the library, so that its effects keep their odds.
     """
 
     penalty: float = 1e-3
     least: float = 1e-3
+    tiny: float = 1e-9
 
 
 OUTSIDE = OutsideConstants()
@@ -134,7 +136,8 @@ class Outside:
         """
         from scipy.special import expit
 
-        return np.asarray(expit(self.constant + left @ self.coefficients))
+        found = expit(self.constant + left @ self.coefficients)
+        return np.asarray(np.minimum(found, 1 - OUTSIDE.tiny))
 
     def beside(self, probability: Array, left: Array) -> Array:
         """Probability of every set, that of outside among them, shape (n, sets).

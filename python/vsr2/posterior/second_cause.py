@@ -274,6 +274,8 @@ def _judged(
     for copy in range(len(found) - SECOND_CAUSE.copies, len(found)):
         for k, one in enumerate(curves):
             held = np.flatnonzero((fold == k) & ((acts == 1) | (acts == 2)))
+            if not held.size:
+                continue
             # All sets of a few campaigns at a time.
             for part in blocks(held.size, len(truth.sets)):
                 rows = held[part]

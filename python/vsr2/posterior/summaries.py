@@ -4,8 +4,7 @@ Every outcome and feature is standardised by campaigns without effect. Ridge reg
 in a campaign on all of these gives one number for each effect, its discriminant, and for each
 nuisance: regression summaries as in P. Fearnhead and D. Prangle, "Constructing summary statistics
 for approximate Bayesian computation", J. R. Stat. Soc. B 74, 2012. Beside them stand the size of
-the residuals, and of what the discriminants do not reproduce: a cause outside the library shows
-there.
+the residuals, and of what the discriminants do not reproduce.
 """
 
 from __future__ import annotations
@@ -221,11 +220,16 @@ class Summaries:
             fold: group of each campaign, shape (n,).
         """
         found = np.zeros((len(fold), self.deviation.size))
-        for k, (way, intercept) in enumerate(zip(self.coefficients, self.intercepts, strict=True)):
+        for k in range(len(self.coefficients)):
             own = np.flatnonzero(fold == k)
             for part in blocks(own.size, residuals.shape[1]):
-                found[own[part]] = residuals[own[part]].astype(np.float64) @ way + intercept
-        return self.complete(residuals, found)
+                found[own[part]] = self.discriminants(residuals[own[part]], k)
+        return self.complete(residuals, found * self.deviation)
+
+    def discriminants(self, residuals: Floats, fold: int) -> Array:
+        """By the regression of one fold, in their deviations, shape (n, targets)."""
+        found = residuals.astype(np.float64) @ self.coefficients[fold] + self.intercepts[fold]
+        return np.asarray(found / self.deviation)
 
     def complete(self, residuals: Floats, discriminants: Array) -> Array:
         """Discriminants in their deviations, sizes of residuals, means of channels.

@@ -15,6 +15,7 @@ from vsr2.ensemble.simulated.campaigns import Campaigns
 from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
 from vsr2.ensemble.simulated.library import Library
 from vsr2.ensemble.simulated.linear_algebra import blocks, one_blas_thread
+from vsr2.errors import DiagnosisError
 from vsr2.one_line import counted
 from vsr2.posterior.calibration import JudgedCampaigns, Levels, calibrate, pooled
 from vsr2.posterior.discrepancy import Disturbance
@@ -30,7 +31,6 @@ from vsr2.posterior.within_library import TRAINING, OutOfFold, WithinLibrary, le
 
 _logger = logging.getLogger(__name__)
 Array = NDArray[np.float64]
-Bools = NDArray[np.bool_]
 Singles = NDArray[np.float32]
 Rows = NDArray[np.int64]
 
@@ -68,6 +68,7 @@ class Posterior:
             columns).
         misfits: of campaigns without effect, disturbed and held out, rising, shape (n,).
         campaigns: number that were simulated for it.
+        trained_on: number of these in which nothing acts that is excluded.
         excused: misfit up to which campaigns fit, as those of references do.
     """
 
@@ -79,6 +80,7 @@ class Posterior:
     gap_free: Singles
     misfits: Array
     campaigns: int
+    trained_on: int
     excused: float = 0.0
 
     @property
@@ -97,7 +99,7 @@ class Posterior:
         residuals = self.standard.residuals(overturned[None], features[None])
         summaries = self.within.summaries(residuals)
         probability = self.within.refined(self.within.pooled(summaries), summaries)
-        probability = self.outside.beside(probability, self.within.left_over(summaries))[0]
+        probability = self.outside.beside(probability, self.within.left_over(residuals))[0]
         size = misfit(residuals)
         fit = 1.0 if size[0] <= self.excused else float(tail_probability(size, self.misfits)[0])
         said = decide(
@@ -156,7 +158,12 @@ def train(
         trials: indices of those simulated.
         most: effects that may act together.
         seed: of everything random.
+
+    Raises:
+        DiagnosisError: the library has no effect.
     """
+    if not library:
+        raise DiagnosisError("no effect is left to look for: exclude fewer")
     given, campaigns = len(campaigns), campaigns.within(library)
     plain, rng = campaigns.gap_free, generator(seed, Stream.COPIES)
     copies = _disturbed_copies(seen, campaigns, trials, seed, rng)
@@ -169,16 +176,17 @@ def train(
     truth = Truth.of(campaigns, Sets(tuple(library), most), library)
     within, held_out = learned(residuals, campaigns, library, truth, fold, len(trials), seed)
     parts = withheld(residuals, campaigns, library, truth, fold, within, seed)
+    gap_free = np.concatenate([one[plain] for one in residuals[1:]])
+    del residuals
     outside = Outside.of([sample for one in parts for sample in one.samples], most)
     gap_free_misfits = np.sort(misfits[:, plain], axis=None)
     judged = JudgedCampaigns.of(truth, _judged(within, held_out, truth, fold, parts, outside))
     fit = tail_probability(misfits[-1], gap_free_misfits)[judged.row]
     levels = calibrate(judged, truth, fit)
     _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
-    gap_free = np.concatenate([one[plain] for one in residuals[1:]])
     return Posterior(
         standards.by_all, within, outside, levels, parameters, gap_free, gap_free_misfits,
-        given,
+        given, len(campaigns),
     )  # fmt: skip
 
 
@@ -234,10 +242,11 @@ def _judged(
         for part in blocks(held.size, len(truth.sets)):
             rows = held[part]
             probability = pooled(held_out.outputs.log_probability(rows), within.temperature)
-            probability = own.refined(probability, held_out.summaries[-1, rows])
+            probability = own.refined(probability, held_out.summaries[rows])
             yield rows, False, outside.beside(probability, held_out.left[rows])
     for number, one in enumerate(parts):
-        # Whoever judges an unknown cause has not learned from it.
+        # Whoever judges an unknown cause has not learned that it is one.
         others = [sample for k, p in enumerate(parts) if k != number for sample in p.samples]
         unaware = Outside.of(others, truth.sets.most)
-        yield one.rows, True, unaware.beside(one.probability, one.left)
+        for rows, probability in one.judged(truth.sets, unaware):
+            yield rows, True, probability

@@ -1,7 +1,9 @@
 """Parts of the library that are withheld in turn, as if nobody had simulated them.
 
 No network can learn a cause that was never simulated. So parts of the library are withheld, each
-with all that is declared alike to it, and everything is learned from the campaigns that are left.
+with all that is declared alike to it, and regressions, network and curves are learned from the
+campaigns that are left. What does not depend on the effects stays: by what campaigns are
+standardised, the temperature, and the judges of a second cause.
 Then campaigns of a part are what campaigns of an unknown cause are: leave-one-class-out, with which
 outliers are exposed (D. Hendrycks, M. Mazeika and T. Dietterich, "Deep anomaly detection with
 outlier exposure", ICLR 2019).
@@ -18,6 +20,8 @@ from numpy.typing import NDArray
 from vsr2.ensemble.observed.random_streams import Stream, generator
 from vsr2.ensemble.simulated.campaigns import Campaigns
 from vsr2.ensemble.simulated.library import Library
+from vsr2.ensemble.simulated.linear_algebra import blocks
+from vsr2.posterior.outside import Outside
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.summaries import SUMMARY, Floats
 from vsr2.posterior.truth import Truth
@@ -64,8 +68,9 @@ def parts_of(alike: Bools) -> Iterator[LibraryPart]:
     """
     count = len(alike)
     classes = [frozenset(np.flatnonzero(row).tolist()) | {k} for k, row in enumerate(alike)]
-    most = max([int(np.ceil(WITHHELD.share * count)), *map(len, classes)], default=0)
-    left = set(range(count))
+    # What is alike to all others cannot be withheld with all that is.
+    left = {k for k in range(count) if len(classes[k]) < count}
+    most = max([int(np.ceil(WITHHELD.share * count)), *(len(classes[k]) for k in left)])
     while left:
         part: frozenset[int] = frozenset()
         while fitting := [k for k in sorted(left) if len(part | classes[k]) <= most]:
@@ -77,9 +82,8 @@ def parts_of(alike: Bools) -> Iterator[LibraryPart]:
             ]
             part |= classes[fitting[int(np.argmin(costs))]]
             left -= {k for k in left if classes[k] <= part}
-        if len(part) < count:
-            unknown = tuple(k for k in sorted(part) if classes[k] <= part)
-            yield LibraryPart(tuple(sorted(part)), unknown)
+        unknown = tuple(k for k in sorted(part) if classes[k] <= part)
+        yield LibraryPart(tuple(sorted(part)), unknown)
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,17 +91,21 @@ class WithheldPart:
     """What a library that lacks a part makes of the last copy of campaigns.
 
     Attributes:
+        within: what is learned of the part that is left.
         rows: indices of campaigns whose cause is withheld.
-        probability: of every set of the whole library in these, given that the cause is in the
-            part that is left, shape (withheld, sets).
+        fold: group of each of these.
+        summaries: of these, shape (withheld, summaries).
         left: what is left over of these, shape (withheld, most + 1).
         weight: of these.
-        known: what is left over of campaigns whose cause is not withheld, shape (n, most + 1).
+        known: what is left over of campaigns in which nothing that is withheld acts, shape (n, most
+            + 1).
         known_weight: of these.
     """
 
+    within: WithinLibrary
     rows: Rows
-    probability: Array
+    fold: Rows
+    summaries: Array
     left: Array
     weight: Array
     known: Array
@@ -107,6 +115,23 @@ class WithheldPart:
     def samples(self) -> tuple[tuple[Array, Array, bool], ...]:
         """Of which the probability of a cause outside is learned: see :meth:`Outside.of`."""
         return (self.left, self.weight, True), (self.known, self.known_weight, False)
+
+    def judged(self, sets: Sets, outside: Outside) -> Iterator[tuple[Rows, Array]]:
+        """Campaigns whose cause is withheld, some at a time, and the probability of every set.
+
+        Args:
+            sets: of the library that has the part.
+            outside: that has not learned from these campaigns.
+        """
+        place = self.within.sets.within(sets)
+        for k in range(SUMMARY.folds):
+            own, held = self.within.of_fold(k, self.within.networks), np.flatnonzero(self.fold == k)
+            for block in blocks(held.size, len(sets)):
+                some = held[block]
+                summaries = self.summaries[some]
+                probability = np.zeros((some.size, len(sets)))
+                probability[:, place] = own.refined(own.pooled(summaries), summaries)
+                yield self.rows[some], outside.beside(probability, self.left[some])
 
 
 def withheld(
@@ -140,34 +165,21 @@ def withheld(
         unknown = np.isin(np.arange(len(library)), part.unknown)
         rows = np.flatnonzero(acts & ~truth.acting[:, ~unknown].any(axis=1))
         among = np.flatnonzero(~acts)
-        lacking = {name for k, name in enumerate(library) if k in part.effects}
-        rest = {name: one for name, one in library.items() if name not in lacking}
+        rest = {name: one for k, (name, one) in enumerate(library.items()) if k not in part.effects}
         known = campaigns.chosen(among)
         own_truth = Truth.of(known, Sets(tuple(rest), truth.sets.most), rest)
         if not rows.size or known.gap_free.all():
             continue
-        own, found = learned_of_part(
-            residuals,
-            known,
-            rest,
-            own_truth,
-            fold[among],
-            of_all,
-            among,
+        within, found = learned_of_part(
+            residuals, known, rest, own_truth, fold[among], of_all, among,
             generator(seed, Stream.PARTS, number),
-        )
-        summaries = own.summaries.by_folds(residuals[-1][rows], fold[rows])
-        probability = np.zeros((rows.size, len(truth.sets)))
-        place, by_network = own.sets.within(truth.sets), own.pooled(summaries)
-        for k in range(SUMMARY.folds):
-            held = np.flatnonzero(fold[rows] == k)
-            by_fold = own.of_fold(k, own.networks)
-            found_there = by_fold.refined(by_network[held], summaries[held])
-            probability[np.ix_(held, place)] = found_there
+        )  # fmt: skip
+        summaries = within.summaries.by_folds(residuals[-1][rows], fold[rows])
         out.append(
             WithheldPart(
-                rows, probability, held_out_left(own, summaries, fold[rows]), truth.weight[rows],
-                held_out_left(own, found, fold[among]), truth.weight[among],
+                within, rows, fold[rows], summaries,
+                held_out_left(within, summaries, fold[rows]), truth.weight[rows],
+                held_out_left(within, found, fold[among]), own_truth.weight,
             )
         )  # fmt: skip
     return out

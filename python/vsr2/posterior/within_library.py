@@ -55,7 +55,7 @@ class WithinLibrary:
         summaries: of residuals.
         centre, scale: of summaries, shape (summaries,).
         networks: as many for each fold.
-        curves: of the effects, one a fold; none where no campaign is without effect.
+        curves: of the effects, one a fold; none where all campaigns are without effect, or none is.
         judges: of a second cause, one a fold; none where no two effects may act together.
         temperature: by which log probabilities are divided.
     """
@@ -74,13 +74,18 @@ class WithinLibrary:
         """Of the networks: standardised summaries, shape (n, summaries)."""
         return np.asarray((summaries - self.centre) / self.scale)
 
-    def of_fold(self, fold: int, others: Sequence[Network] = ()) -> WithinLibrary:
-        """By the networks, curves and judges that did not see the campaigns of a fold."""
+    def of_fold(self, fold: int, networks: tuple[Network, ...] = ()) -> WithinLibrary:
+        """By the networks, curves and judges that did not see the campaigns of a fold.
+
+        Args:
+            fold: that they did not see.
+            networks: in place of its networks, where there is not one a fold.
+        """
         seeds = len(self.networks) // SUMMARY.folds
         own = self.networks[seeds * fold : seeds * (fold + 1)]
         return replace(
             self,
-            networks=tuple(others) or own,
+            networks=networks or own,
             curves=self.curves[fold : fold + 1],
             judges=self.judges[fold : fold + 1],
         )
@@ -106,15 +111,20 @@ class WithinLibrary:
             ]
         ).reshape(probability.shape)
 
-    def left_over(self, summaries: Array) -> Array:
-        """What the curves leave over, mean of the folds: see :func:`outside.left_over`.
+    def left_over(self, residuals: Array) -> Array:
+        """What the curves leave over of new campaigns, shape (n, most + 1).
+
+        It is the mean over folds, each with its own regression: those of all folds together scatter
+        less, so that less would be left over than of the campaigns that it is learned on.
 
         Args:
-            summaries: shape (n, summaries).
+            residuals: shape (n, columns).
         """
-        targets, most = self.summaries.effect.size, self.sets.most
-        found = [left_over(one, summaries[:, :targets], most) for one in self.curves]
-        return np.mean(found, axis=0) if found else np.zeros((len(summaries), most + 1))
+        found = [
+            left_over(one, self.summaries.discriminants(residuals, k), self.sets.most)
+            for k, one in enumerate(self.curves)
+        ]
+        return np.mean(found, axis=0) if found else np.zeros((len(residuals), self.sets.most + 1))
 
 
 @dataclass(frozen=True, eq=False)
@@ -122,8 +132,8 @@ class OutOfFold:
     """Campaigns on which a library was learned, each by what did not see it.
 
     Attributes:
-        summaries: of each copy, shape (copies, n, summaries).
-        outputs: of the networks, of the last copy.
+        summaries: of the last copy, shape (n, summaries).
+        outputs: of the networks, of that copy.
         left: what the curves leave over of that copy, shape (n, most + 1).
     """
 
@@ -152,19 +162,20 @@ def learned(
         trials: of a campaign.
         seed: of the training.
     """
-    summaries, found = fit_summaries(residuals, campaigns, truth.sets.names, fold, trials)
-    own = _scaled(summaries, np.stack(found), truth)
-    networks, outputs = _networks(own, np.stack(found), truth, fold, seed)
+    summaries, copies = fit_summaries(residuals, campaigns, truth.sets.names, fold, trials)
+    found = np.stack(copies)
+    own = _scaled(summaries, found, truth)
+    networks, outputs = _networks(own, found, truth, fold, seed)
     own = replace(own, networks=networks, temperature=best_temperature(outputs, truth))
-    discriminants = np.stack(found)[:, :, : summaries.effect.size]
+    discriminants = found[:, :, : summaries.effect.size]
     own = replace(own, curves=fit_curves(discriminants, campaigns, library, fold))
 
     def probability(copy: int, rows: Rows) -> Array:
-        return own.of_fold(int(fold[rows[0]])).pooled(found[copy][rows])
+        return own.of_fold(int(fold[rows[0]])).pooled(found[copy, rows])
 
     judges = fit_second_cause(discriminants, own.curves, truth, fold, probability)
     own = replace(own, judges=judges)
-    return own, OutOfFold(np.stack(found), outputs, held_out_left(own, found[-1], fold))
+    return own, OutOfFold(found[-1], outputs, held_out_left(own, found[-1], fold))
 
 
 def learned_of_part(
@@ -195,12 +206,13 @@ def learned_of_part(
     Returns:
         What is learned; summaries of the last copy of these campaigns, each by what did not see it.
     """
-    summaries, found = fit_summaries(
+    summaries, copies = fit_summaries(
         residuals, campaigns, truth.sets.names, fold, known.summaries.trials, among
     )
-    own = _scaled(summaries, np.stack(found), truth)
-    network = _network(own, np.stack(found), truth, fold, 0, rng)
-    discriminants = np.stack(found)[:, :, : summaries.effect.size]
+    found = np.stack(copies)
+    own = _scaled(summaries, found, truth)
+    network = _network(own, found, truth, fold, 0, rng)
+    discriminants = found[:, :, : summaries.effect.size]
     curves = fit_curves(discriminants, campaigns, library, fold)
     pairs = len(truth.sets.by_size) > 1
     judged = zip(known.judges, curves, strict=False) if pairs else ()
@@ -213,10 +225,10 @@ def learned_of_part(
 
 def held_out_left(own: WithinLibrary, summaries: Array, fold: Rows) -> Array:
     """What the curves of each campaign's fold leave over, shape (n, most + 1)."""
-    out = np.zeros((len(fold), own.sets.most + 1))
-    for k in range(SUMMARY.folds):
+    out, targets = np.zeros((len(fold), own.sets.most + 1)), own.summaries.effect.size
+    for k, curves in enumerate(own.curves):
         rows = np.flatnonzero(fold == k)
-        out[rows] = own.of_fold(k, own.networks).left_over(summaries[rows])
+        out[rows] = left_over(curves, summaries[rows, :targets], own.sets.most)
     return out
 
 

@@ -274,7 +274,7 @@ def _budget(budget: Mapping[str, Any], posterior: Posterior) -> Iterator[Stateme
             simulations=budget["simulations"],
             allowed=budget["allowed"],
         )
-    if posterior.campaigns < LIMITS.few_campaigns * len(posterior.sets.names):
+    if posterior.trained_on < LIMITS.few_campaigns * len(posterior.sets.names):
         yield Statement.of(LimitCode.FEW_CAMPAIGNS, count=posterior.campaigns)
 
 
