@@ -121,7 +121,7 @@ class WithheldPart:
 
         Args:
             sets: of the library that has the part.
-            outside: that has not learned from these campaigns.
+            outside: that has not learned that these are unknown.
         """
         place = self.within.sets.within(sets)
         for k in range(SUMMARY.folds):
