@@ -1,4 +1,4 @@
-"""Whether the diagnosis knows a cause of which it knows nothing at all.
+"""Whether the diagnosis recognises a cause that it has never seen.
 
     python studies/withheld_effect.py [--effects NAME ...] [--campaigns N] [--planted N]
         [--tier TIER] [--seed N] [--out FILE]

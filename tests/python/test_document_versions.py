@@ -67,7 +67,7 @@ def posterior_check() -> Any:
     """`posterior_check.json` of planted campaigns."""
     ranks = (RankOf("wear", "loss", "1", 0.1, 0.5),)
     judged = tuple(Judged(k, "wear", "wear", 0.9, True, True, 1, ranks) for k in range(30))
-    return json.loads(PosteriorCheck(coverage_scores(judged), judged, {}).to_json())
+    return json.loads(PosteriorCheck(coverage_scores(judged), judged, 0.9, {}).to_json())
 
 
 DOCUMENTS: dict[str, Any] = {
@@ -91,7 +91,7 @@ RECORDED: dict[str, str] = {
     "vsr2.diagnosis/9": "974d56e29123a741",
     "vsr2.diagnosis/10": "b92f848c14a54231",
     "vsr2.diagnosis/11": "531802fb3648958f",
-    "vsr2.diagnosis/12": "c59270c9aeb68be8",
+    "vsr2.diagnosis/12": "1ad1bc209544a4bb",
     "vsr2.causes/2": "dfb9566fb1750253",
     "vsr2.causes/3": "68182ddb7d70981b",
     "vsr2.causes/4": "e58833a1e94c9c60",

@@ -64,8 +64,7 @@ def test_gradients_are_those_of_differences(most, monkeypatch) -> None:
 def test_slopes_hold_where_parts_differ_by_more_than_a_number_has_digits(most) -> None:
     sets = Sets(SETS.names, most)
     network = Network.drawn(sets, 3, np.random.default_rng(0))
-    # A number has digits for 36; products of parts stay above the least number.
-    outputs = 45.0 * np.random.default_rng(1).standard_normal((50, 2 * 4 + most))
+    outputs = 90.0 * np.random.default_rng(1).standard_normal((50, 2 * 4 + most))
     truth = np.arange(50) % (len(sets) - 1)
 
     found = network._slope(outputs, truth)

@@ -17,6 +17,7 @@ from vsr2.errors import ResultError
 from vsr2.posterior.calibration import (
     CALIBRATED,
     JudgedCampaigns,
+    _before_true,
     _set_level,
     best_temperature,
     calibrate,
@@ -193,7 +194,7 @@ def test_sets_hold_the_truth_nine_times_in_ten_whatever_probabilities_claim(shar
     one, other = exact_logs(MANY, 1.0, 3)[0][0], exact_logs(MANY, 1.0, 4)[0][0]
     one, other = np.exp(sharpness * one), np.exp(sharpness * other)
     one, other = (p / p.sum(axis=1, keepdims=True) for p in (one, other))
-    level = _set_level(label_probability(one, SETS), MANY.index, MANY.weight, SETS)
+    level = _set_level(_before_true(label_probability(one, SETS), MANY.index, SETS), MANY.weight)
     held, size = [], []
     for p, acting in zip(other, MANY.acting, strict=True):
         labels = label_set(p, SETS, level)

@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from vsr2.analysis.ranks import rank
 from vsr2.coverage.planted_campaigns import Planted
 from vsr2.ensemble.observed.random_streams import Stream, generator
-from vsr2.ensemble.simulated.library import NONE, UNKNOWN, free_parameters
+from vsr2.ensemble.simulated.library import NONE, free_parameters
 from vsr2.posterior.calibration import label_probability, label_set
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.training import Found, Posterior
@@ -90,7 +90,7 @@ def _judged(posterior: Posterior, one: Planted, found: Found, seed: int) -> Judg
     true = sets.index(names)
     given = np.append(found.probability[:-1], 0.0)
     labels = label_probability(given[None] / given.sum(), sets)[0]
-    words = (NONE, *sets.names, UNKNOWN)
+    words = (NONE, *sets.names)
     top = int(labels.argmax())
     held = label_set(found.probability, sets, posterior.levels.set_level)
     return Judged(
@@ -112,19 +112,19 @@ def true_label(sets: Sets, true: int, probability: Array) -> int:
 
     Args:
         sets: hypotheses.
-        true: index of the set that acts.
+        true: index of the set that acts, 0 of none.
         probability: of every set, shape (sets,).
     """
     members = np.flatnonzero(sets.members[true])
     if not members.size:
-        return 0 if true == 0 else len(sets.names) + 1
+        return 0
     return 1 + int(members[sets.marginal(probability)[members].argmax()])
 
 
 def true_labels(sets: Sets, true: int) -> set[int]:
     """Labels that are true of a set: of effects that act together, each."""
     if not sets.members[true].any():
-        return {0 if true == 0 else len(sets.names) + 1}
+        return {0}
     return {1 + int(i) for i in np.flatnonzero(sets.members[true])}
 
 

@@ -47,7 +47,6 @@ from vsr2.ensemble.simulated.scene_simulator import HYPOTHESES
 from vsr2.ensemble.simulated.simulator import Simulator
 from vsr2.errors import DiagnosisError
 from vsr2.one_line import OneLine
-from vsr2.posterior.calibration import CALIBRATED
 from vsr2.posterior.discrepancy import Disturbance
 from vsr2.posterior.files import load_posterior, posterior_file
 from vsr2.posterior.training import training_features
@@ -67,11 +66,13 @@ class PosteriorCheck(OneLine):
     Attributes:
         scores: ranks, coverage, reliability.
         judged: one a planted campaign.
+        stated: share of the 90 % sets that are to hold a true cause, by the calibration.
         provenance: of the posterior and of what was planted.
     """
 
     scores: CoverageScores
     judged: tuple[Judged, ...]
+    stated: float
     provenance: Mapping[str, Any]
 
     @property
@@ -95,7 +96,7 @@ class PosteriorCheck(OneLine):
                 for one in (*together, *scores.parameters)
             ],
             "causes": {
-                "level": CALIBRATED.coverage,
+                "level": self.stated,
                 **_score("held", scores.causes),
                 "size": scores.set_size,
             },
@@ -283,6 +284,7 @@ def check_with(
     return PosteriorCheck(
         coverage_scores(judged),
         judged,
+        posterior.levels.known_held,
         {
             "simulator": simulator.identity,
             "tier": seen.tier,

@@ -65,7 +65,8 @@ class Levels:
         least_name: probability, given a gap, that the name of one cause must have.
         least_together: that of the names of causes that act together.
         set_level: probability before a label up to which the 90 % sets hold it, so that nine in ten
-            hold a true one where the cause is in the library.
+            hold a true one, causes outside the library counted.
+        known_held: share of the 90 % sets that hold a true label where the library has the cause.
         wrong, named: shares of held-out campaigns with a gap that are named wrongly, and named.
         detection_rate: share of causes outside the library that are said to be so.
     """
@@ -74,6 +75,7 @@ class Levels:
     least_name: float
     least_together: float
     set_level: float
+    known_held: float
     wrong: float
     named: float
     detection_rate: float
@@ -186,13 +188,17 @@ def calibrate(judged: JudgedCampaigns, truth: Truth, fit: Array) -> Levels:
         decide(judged.found[k], chosen, truth.alike, fit=float(fit[k])).kind is VerdictKind.UNKNOWN
         for k in np.flatnonzero(judged.unknown)
     ]
+    index = np.where(judged.unknown, truth.sets.outside, truth.index[judged.row])
+    before = _before_true(judged.labels, index, truth.sets)
+    set_level = _set_level(before, judged.weight)
     known = ~judged.unknown
-    index = truth.index[judged.row[known]]
+    held = before[known] <= set_level
     return Levels(
         none_limit=none_limit,
         least_name=chosen.one,
         least_together=chosen.together,
-        set_level=_set_level(judged.labels[known], index, judged.weight[known], truth.sets),
+        set_level=set_level,
+        known_held=float(np.average(held, weights=judged.weight[known])),
         wrong=wrong,
         named=named,
         detection_rate=float(np.mean(unknown) if unknown else 0),
@@ -259,17 +265,14 @@ def label_probability(probability: Array, sets: Sets) -> Array:
     )
 
 
-def _set_level(labels: Array, index: NDArray[np.int64], weight: Array, sets: Sets) -> float:
-    """Probability down to which sets of labels must reach to hold nine of ten truths.
+def _before_true(labels: Array, index: NDArray[np.int64], sets: Sets) -> Array:
+    """Probability held by the labels before the first true one, shape (n,).
 
-    Conformal: of each held-out campaign, the probability held by the labels before a true one (Y.
-    Romano, M. Sesia, E. Candes, "Classification with valid and adaptive coverage", 2020; there the
-    true one counts in part, by chance). Of two effects, either is true.
+    Of two effects, either is true.
 
     Args:
         labels: probability of each, shape (n, effects + 2).
         index: of the true set, shape (n,).
-        weight: of each campaign, shape (n,).
         sets: the hypotheses.
     """
     order = np.argsort(-labels, axis=1, kind="stable")
@@ -280,10 +283,22 @@ def _set_level(labels: Array, index: NDArray[np.int64], weight: Array, sets: Set
     true[index == 0, 0] = True
     true[index == sets.outside, -1] = True
     first = np.take_along_axis(true, order, axis=1).argmax(axis=1)
-    score = before[np.arange(len(index)), first]
-    sequence = np.argsort(score)
+    return np.asarray(before[np.arange(len(index)), first])
+
+
+def _set_level(before: Array, weight: Array) -> float:
+    """Probability down to which sets of labels must reach to hold nine of ten truths.
+
+    Conformal (Y. Romano, M. Sesia, E. Candes, "Classification with valid and adaptive coverage",
+    2020; there the true label counts in part, by chance).
+
+    Args:
+        before: of held-out campaigns, probability held by the labels before a true one, shape (n,).
+        weight: of each campaign, shape (n,).
+    """
+    sequence = np.argsort(before)
     total = np.cumsum(weight[sequence]) / weight.sum()
-    return float(score[sequence][np.searchsorted(total, CALIBRATED.coverage)])
+    return float(before[sequence][np.searchsorted(total, CALIBRATED.coverage)])
 
 
 def label_set(probability: Array, sets: Sets, level: float) -> tuple[int, ...]:

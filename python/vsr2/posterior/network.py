@@ -25,8 +25,8 @@ Array = NDArray[np.float64]
 Floats = NDArray[np.floating[Any]]
 """In single or double precision."""
 FORBIDDEN = -1e9
-"""Logit of a cause outside: its exponential is 0 beside any other, and it can be subtracted, which
-infinity cannot."""
+"""Logit of a cause outside, and of a size all of whose sets have a probability too small for a
+number: its exponential is 0 beside any other, and it can be subtracted, which infinity cannot."""
 
 
 @dataclass(frozen=True)
@@ -71,7 +71,7 @@ class Network:
 
     Attributes:
         sets: the hypotheses.
-        weights, biases: of each layer, in single precision, which halves the time of training;
+        weights, biases: of each layer, in single precision, which saves time;
             what follows from the outputs is in double precision.
     """
 
@@ -228,7 +228,9 @@ def _kinds(sets: Sets, outputs: Array) -> tuple[Array, Array, list[Array]]:
     factor = np.exp(part - most)
     sums = _symmetric_sums(factor, sizes)
     for size in range(2, sizes + 1):
+        there = sums[size] > np.finfo(np.float64).tiny
         kinds[:, [size - 1]] += size * most + np.log(sums[size])
+        kinds[:, [size - 1]] = np.where(there, kinds[:, [size - 1]], FORBIDDEN)
     return np.concatenate([own, kinds], axis=1), factor, sums
 
 
@@ -236,7 +238,10 @@ def _symmetric_sums(factor: Array, most: int) -> list[Array]:
     """Elementary symmetric polynomials of each row, of degree 0 to `most`, each shape (n, 1)."""
     before = _sums_before(factor, most - 1)
     sums = [(factor * one).sum(axis=1, keepdims=True) for one in before]
-    return [np.ones((len(factor), 1)), *[np.maximum(one, 1e-300) for one in sums]]
+    return [
+        np.ones((len(factor), 1)),
+        *[np.maximum(one, np.finfo(np.float64).tiny) for one in sums],
+    ]
 
 
 def _sums_before(factor: Array, most: int) -> list[Array]:

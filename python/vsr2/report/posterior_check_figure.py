@@ -42,7 +42,7 @@ def check_figure(found: PosteriorCheck) -> Figure:
     ranks, coverage, reliability = axes[0]
     _ranks(ranks, found.scores)
     _coverage(coverage, found.scores)
-    _reliability(reliability, found.scores)
+    _reliability(reliability, found.scores, found.stated)
     for panel in (coverage, reliability):
         panel.set_ylim(-0.03, 1.03)
     handles = ranks.get_legend_handles_labels()[0] + reliability.get_legend_handles_labels()[0]
@@ -79,7 +79,7 @@ def _coverage(panel: Axes, scores: CoverageScores) -> None:
     panel.set_ylabel("true values held [1]")
 
 
-def _reliability(panel: Axes, scores: CoverageScores) -> None:
+def _reliability(panel: Axes, scores: CoverageScores, stated: float) -> None:
     panel.set_title(answers_title(CALIBRATED.coverage), fontsize=9)
     panel.plot([0, 1], [0, 1], "--", color=INK, linewidth=0.8, label="as stated")
     groups = scores.reliability
@@ -89,7 +89,7 @@ def _reliability(panel: Axes, scores: CoverageScores) -> None:
     )  # fmt: skip
     level = CALIBRATED.coverage
     _points(
-        panel, np.array([level]), [scores.causes], RED, label=f"{100 * level:g} % sets of causes",
+        panel, np.array([stated]), [scores.causes], RED, label=f"{100 * level:g} % sets of causes",
         marker="s",
     )  # fmt: skip
     panel.set_xlim(-0.03, 1.03)

@@ -222,6 +222,7 @@ class _Posterior(SchemaPart):
     least_name: Share
     least_together: Share
     set_level: Share
+    known_held: Share
     wrong: Share
     named: Share
     detection_rate: Share

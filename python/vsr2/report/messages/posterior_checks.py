@@ -6,7 +6,6 @@ from typing import TYPE_CHECKING
 
 from vsr2.coverage.coverage_scores import LEVELS
 from vsr2.one_line import counted
-from vsr2.posterior.calibration import CALIBRATED
 from vsr2.report.messages.templates import written
 
 if TYPE_CHECKING:
@@ -19,9 +18,8 @@ def check_sentences(found: PosteriorCheck) -> str:
     scores = found.scores
     lines = [
         f"{counted(len(found.judged), 'campaign')} planted, which training did not see",
-        f"sets of causes, {written(CALIBRATED.coverage, '.0%')} stated: "
-        f"{share(scores.causes)} hold a true one"
-        f"{_beside(scores.causes, CALIBRATED.coverage)}",
+        f"90 % sets of causes, where the library has the cause {written(found.stated, '.0%')} "
+        f"stated: {share(scores.causes)} hold a true one{_beside(scores.causes, found.stated)}",
         f"most probable answer: {scores.stated:.2f} stated on average, {share(scores.right)} right"
         f"{_beside(scores.right, scores.stated)}",
     ]
