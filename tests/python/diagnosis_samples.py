@@ -119,7 +119,9 @@ def linear(seed=1):
 @contextmanager
 def quick_training() -> Iterator[None]:
     """A smaller network, trained less: what it is trained for stays."""
-    few = replace(NETWORK, hidden=(48, 32), dropout=0.1, passes=40, rate=4e-3, least_passes=8)
+    few = replace(
+        NETWORK, hidden=(48, 32), dropout=0.1, passes=40, batch=256, rate=4e-3, least_passes=8
+    )
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("vsr2.posterior.network.NETWORK", few)
         yield
@@ -145,7 +147,7 @@ SMALL = (
     (NEGATIVE_CONTROLS, {"dealt": 2}),
     (NOISE_FLOOR, {"replicates": 1, "most_trials": 6}),
     (OBSERVED, {"least_trials": 20}),
-    (NETWORK, {"hidden": (24, 16), "passes": 20, "least_passes": 4}),
+    (NETWORK, {"hidden": (24, 16), "passes": 20, "batch": 256, "least_passes": 4}),
 )
 """Of a diagnosis of few simulations: the native core makes a hundred a second."""
 

@@ -57,8 +57,8 @@ class NetworkConstants:
     least_root: float = 1e-8
     decay: float = 3e-4
     dropout: float = 0.5
-    batch: int = 256
-    passes: int = 120
+    batch: int = 128
+    passes: int = 60
     least_passes: int = 16
 
 
@@ -153,13 +153,11 @@ class Network:
     def _slope(self, outputs: Array, truth: NDArray[np.int64]) -> Array:
         """Of minus the log probability of the truth, by the outputs."""
         count = len(self.sets.names)
-        logits, factor, sums = _kinds(self.sets, outputs)
+        logits, factor, before, sums = _kinds(self.sets, outputs)
         probability = np.exp(_log_softmax(logits))
         out = np.zeros(outputs.shape)
         out[:, :count], out[:, 2 * count :] = probability[:, :count], probability[:, count:]
-        before, after = (
-            _sums_before(one, len(self.sets.by_size) - 1) for one in (factor, factor[:, ::-1])
-        )
+        after = _sums_before(factor[:, ::-1], len(self.sets.by_size) - 1)
         for size in range(2, len(self.sets.by_size) + 1):
             # The polynomial of the other parts, one size smaller; all terms are positive.
             others = sum(before[k] * after[size - 1 - k][:, ::-1] for k in range(size))
@@ -212,40 +210,36 @@ def _score(sets: Sets, outputs: Array, index: NDArray[np.int64]) -> Array:
     return np.asarray((outputs * sets.parts[index]).sum(axis=1) - total)
 
 
-def _kinds(sets: Sets, outputs: Array) -> tuple[Array, Array, list[Array]]:
+def _kinds(sets: Sets, outputs: Array) -> tuple[Array, Array, list[Array], list[Array]]:
     """Logits of every effect alone, of none, of all sets of each size together.
 
     The sum over sets of one size of the products of their parts is an elementary symmetric
     polynomial of the parts, so that no set is computed by itself.
 
     Returns:
-        The logits; of every part its exponential, over that of the greatest; the polynomials.
+        The logits; of every part its exponential, over that of the greatest; the polynomials of
+        the parts before each, of degree 0 and more; those of all parts, of the same and one more.
     """
     count, sizes = len(sets.names), len(sets.by_size)
     own, part = outputs[:, :count], outputs[:, count : 2 * count]
     kinds = np.array(outputs[:, 2 * count :])
     most = part.max(axis=1, keepdims=True)
     factor = np.exp(part - most)
-    sums = _symmetric_sums(factor, sizes)
+    before = _sums_before(factor, sizes - 1)
+    tiny = np.finfo(np.float64).tiny
+    sums = [np.ones((len(factor), 1))]
+    sums += [np.maximum((factor * one).sum(axis=1, keepdims=True), tiny) for one in before]
     for size in range(2, sizes + 1):
-        there = sums[size] > np.finfo(np.float64).tiny
+        there = sums[size] > tiny
         kinds[:, [size - 1]] += size * most + np.log(sums[size])
         kinds[:, [size - 1]] = np.where(there, kinds[:, [size - 1]], FORBIDDEN)
-    return np.concatenate([own, kinds], axis=1), factor, sums
-
-
-def _symmetric_sums(factor: Array, most: int) -> list[Array]:
-    """Elementary symmetric polynomials of each row, of degree 0 to `most`, each shape (n, 1)."""
-    before = _sums_before(factor, most - 1)
-    sums = [(factor * one).sum(axis=1, keepdims=True) for one in before]
-    return [
-        np.ones((len(factor), 1)),
-        *[np.maximum(one, np.finfo(np.float64).tiny) for one in sums],
-    ]
+    return np.concatenate([own, kinds], axis=1), factor, before, sums
 
 
 def _sums_before(factor: Array, most: int) -> list[Array]:
-    """The same of the factors before each place, each of the shape of `factor`.
+    """Elementary symmetric polynomials of the factors before each place, of degree 0 to `most`.
+
+    Each is of the shape of `factor`.
 
     Nothing is subtracted: factors of one row may differ by more than a number has digits.
     """
@@ -281,7 +275,6 @@ def train_network(
     parameters = [*network.weights, *network.biases]
     mean = [np.zeros_like(one) for one in parameters]
     square = [np.zeros_like(one) for one in parameters]
-    kept_mean, kept_square = 1 - NETWORK.mean_share, 1 - NETWORK.square_share
     best, kept, count = np.inf, [one.copy() for one in parameters], 0
     for number in range(NETWORK.passes):
         rate = NETWORK.rate * max(1 - number / NETWORK.passes, NETWORK.last_rate)
@@ -289,13 +282,15 @@ def train_network(
         for start in range(0, len(truth), NETWORK.batch):
             part = slice(start, start + NETWORK.batch)
             count += 1
+            own_mean, own_square = (
+                1 - (1 - share) ** count for share in (NETWORK.mean_share, NETWORK.square_share)
+            )
             slopes = network.step(inputs[part], truth[part], weight[part], rng)
-            for k, (one, slope) in enumerate(zip(parameters, slopes, strict=True)):
-                mean[k] = kept_mean * mean[k] + NETWORK.mean_share * slope
-                square[k] = kept_square * square[k] + NETWORK.square_share * slope**2
-                step = mean[k] / (1 - kept_mean**count)
-                root = np.sqrt(square[k] / (1 - kept_square**count))
-                one -= rate * step / (root + NETWORK.least_root)
+            for one, m, v, slope in zip(parameters, mean, square, slopes, strict=True):
+                m += NETWORK.mean_share * (slope - m)
+                v += NETWORK.square_share * (slope**2 - v)
+                root = np.sqrt(v / own_square) + NETWORK.least_root
+                one -= (rate / own_mean) * m / root
         if number + 1 >= NETWORK.least_passes:
             score = log_score(network, *held_out)
             if score < best:

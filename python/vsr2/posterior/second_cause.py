@@ -120,22 +120,22 @@ def features(curves: Curves, own: Array, lead: int, seen: Seen, alike: Bools) ->
     Returns:
         Shape (effects + 1, features), nothing more last; columns are of one or of the other.
     """
-    means = curves.means
-    gain = means @ own - curves.half_squares
+    gain = curves.means @ own - curves.half_squares
     alone = gain[lead]
     left = float(own @ own - 2 * alone.max())
     # A campaign that no curve meets counts for less.
     heat = max(1.0, left / own.size)
     # Of each effect, its points and those of the one that leads; in one array, which takes time.
-    both = means @ means[lead].T
-    np.subtract(gain[:, :, None], both, out=both)
-    both += alone
+    points = curves.singles.reshape(-1, own.size)
+    both = (points @ curves.singles[lead].T).reshape(*gain.shape, -1)
+    np.subtract(gain.astype(np.float32)[:, :, None], both, out=both)
+    both += alone.astype(np.float32)
     best = both.max(axis=2)
     most = best.max(axis=1)
     rise = (most - alone.max()) / heat
     both -= most[:, None, None]
-    both /= heat
-    summed = np.log(np.exp(both, out=both).mean(axis=(1, 2)))
+    both /= np.float32(heat)
+    summed = np.log(np.exp(both, out=both).mean(axis=(1, 2), dtype=np.float64))
     evidence = rise + summed - np.log(np.exp((alone - alone.max()) / heat).mean())
     evidence = np.clip(evidence, -SECOND_CAUSE.most_evidence, SECOND_CAUSE.most_evidence)
     root = np.sqrt(np.maximum(rise, 0.0))
