@@ -180,7 +180,7 @@ def summarise(rehearsal: Rehearsal, planted: Campaigns, tier: Any, seed: int) ->
     disturb = Disturbance.of(campaigns.overturned[plain], features[plain], seen.motion[trials])
     copies = [(campaigns.overturned.astype(np.float32), features)]
     for _ in range(TRAINING.copies):
-        outcome, noted = disturb(campaigns.overturned, features, rng)
+        outcome, noted, _ = disturb(campaigns.overturned, features, rng)
         copies.append((outcome.astype(np.float32), noted.astype(np.float32, copy=False)))
     fold = rng.permutation(len(campaigns)) % SUMMARY.folds
     standard = Standards.of(copies, plain, fold).by_all

@@ -203,6 +203,7 @@ def posterior(path: Path) -> bytes:
 
     from vsr2.ensemble.simulated.library import free_parameters
     from vsr2.posterior.calibration import Levels
+    from vsr2.posterior.discrepancy_size import DiscrepancySize
     from vsr2.posterior.effect_curves import Curves
     from vsr2.posterior.files import save_posterior
     from vsr2.posterior.network import Network
@@ -247,6 +248,7 @@ def posterior(path: Path) -> bytes:
                 dict.fromkeys(NAMES, row),
                 {name: np.ones((2, count)) for name, count in free.items()},
             ),
+            discrepancy=DiscrepancySize(0.0, summaries, np.array([-0.1, 0.0, 0.1])),
             gap_free=columns,
             misfits=np.ones(3),
             campaigns=150,

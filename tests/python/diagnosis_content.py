@@ -70,6 +70,7 @@ CONTENT = {
         "excess_after": estimate(0.1),
         "gain": estimate(0.5),
         "headline": estimate(0.5),
+        "discrepancy": estimate(0.021),
         "layers": {
             "numerical": 0.02, "time_step": 0.03, "solver": None, "input": 0.04, "nuisance": 0.05,
             "physical": None, "physical_expected": None, "trials": 4, "repeats": 0,

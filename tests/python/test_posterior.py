@@ -320,7 +320,7 @@ def test_outcomes_turn_as_often_as_a_shifted_normal_variable_changes_side(
         outcome = (rng.random((1000, 200)) < p).astype(float)
         blank = np.zeros((1000, 200, 0))
         probability, scatter = np.full(200, p), np.zeros((200, 0))
-        found, _ = disturbed(outcome, blank, probability, scatter, MOTION, rng)
+        found, _, _ = disturbed(outcome, blank, probability, scatter, MOTION, rng)
         turned.append(float((found != outcome).mean()))
     # At even odds arccos(r) / pi, r the correlation of the variable before and after.
     r = 1 / np.sqrt(1 + shift**2)
@@ -337,7 +337,7 @@ def test_disturbances_have_the_moments_that_are_stated(monkeypatch) -> None:
     features = np.zeros((1500, 200, 2))
     unknown = np.full((1500, 200), np.nan)
     scatter = np.full((200, 2), [9.0, 0.5])
-    outcome, found = disturbed(unknown, features, np.full(200, 0.5), scatter, MOTION, rng)
+    outcome, found, _ = disturbed(unknown, features, np.full(200, 0.5), scatter, MOTION, rng)
     assert np.isnan(outcome).all(), "what is unknown stays so"
     tilt, other = found[..., 0], found[..., 1]
     campaign, motion, single = DISCREPANCY.parts
@@ -361,8 +361,11 @@ def test_disturbances_have_the_moments_that_are_stated(monkeypatch) -> None:
 def test_sizes_are_drawn_for_each_campaign() -> None:
     rng = np.random.default_rng(2)
     unknown, features = np.full((600, 200), np.nan), np.zeros((600, 200, 1))
-    _, found = disturbed(unknown, features, np.full(200, 0.5), np.ones((200, 1)), MOTION, rng)
+    _, found, drawn = disturbed(
+        unknown, features, np.full(200, 0.5), np.ones((200, 1)), MOTION, rng
+    )
     factor = found[..., 0].std(axis=1) / UNIT
+    assert np.corrcoef(np.log(factor), np.log(drawn))[0, 1] > 0.9
     middle = np.sqrt(DISCREPANCY.least * DISCREPANCY.most)
     assert np.median(factor) == pytest.approx(middle, rel=0.15)
     assert factor.min() == pytest.approx(DISCREPANCY.least, rel=0.4)
@@ -375,7 +378,7 @@ def test_what_turns_loses_its_features_and_what_was_unknown_stays_so() -> None:
     overturned[:, 7] = np.nan
     features = np.where(overturned[..., None] < 0.5, 1.0, np.nan)
     features[:, 3] = np.nan
-    found, noted = disturbed(
+    found, noted, _ = disturbed(
         overturned, features, np.full(200, 0.4), np.ones((200, 1)), MOTION, rng
     )
     turned = (found != overturned) & np.isfinite(overturned)

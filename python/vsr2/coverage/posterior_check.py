@@ -277,7 +277,7 @@ def check_with(
         campaigns.overturned, campaigns.peak_tilt, campaigns.features,
         generator(seed, Stream.PLANTED_NOISE),
     ).astype(np.float64)  # fmt: skip
-    outcomes, noted = disturbed(
+    outcomes, noted, _ = disturbed(
         campaigns.overturned, features, generator(seed, Stream.PLANTED_COPIES)
     )
     judged = tuple(judge_planted(posterior, chosen, outcomes, noted, seed=seed))

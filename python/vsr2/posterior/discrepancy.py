@@ -61,7 +61,7 @@ def disturbed(
     scatter: Array,
     motion: NDArray[np.int64],
     rng: np.random.Generator,
-) -> tuple[Array, NDArray[_Float]]:
+) -> tuple[Array, NDArray[_Float], Array]:
     """Campaigns as another correct simulator would have them.
 
     An outcome is 1 where a standard normal variable exceeds a threshold that follows from the
@@ -77,7 +77,8 @@ def disturbed(
         rng: of the differences.
 
     Returns:
-        Outcomes, and features in the precision of those given.
+        Outcomes; features in the precision of those given; by which factor on
+        `DISCREPANCY.parts` each campaign is disturbed, shape (n,).
     """
     from scipy.special import ndtri
 
@@ -108,7 +109,7 @@ def disturbed(
         mixed = (DISCREPANCY.common * shift + own * drawn()) / unit
         out[..., k] += DISCREPANCY.series * scatter[:, k] * mixed
     out[(outcome != overturned) & ~np.isnan(overturned)] = np.nan
-    return outcome, out
+    return outcome, out, factor[:, 0]
 
 
 @dataclass(frozen=True, eq=False)
@@ -135,6 +136,6 @@ class Disturbance:
 
     def __call__(
         self, overturned: Array, features: NDArray[_Float], rng: np.random.Generator
-    ) -> tuple[Array, NDArray[_Float]]:
-        """Outcomes and features of campaigns, disturbed."""
+    ) -> tuple[Array, NDArray[_Float], Array]:
+        """Outcomes and features of campaigns, disturbed, and by which factors."""
         return disturbed(overturned, features, self.probability, self.scatter, self.motion, rng)

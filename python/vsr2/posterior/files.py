@@ -20,6 +20,7 @@ from vsr2.ensemble.simulated.library import Library, free_parameters
 from vsr2.errors import ResultError
 from vsr2.posterior.calibration import CALIBRATED, Levels
 from vsr2.posterior.discrepancy import DISCREPANCY
+from vsr2.posterior.discrepancy_size import DISCREPANCY_SIZE, DiscrepancySize
 from vsr2.posterior.effect_curves import EFFECT_CURVE, Curves
 from vsr2.posterior.file_arrays import FileArrays
 from vsr2.posterior.naming import NAMING
@@ -36,7 +37,7 @@ from vsr2.posterior.within_library import TRAINING, WithinLibrary
 from vsr2.results.atomic import write_atomic
 
 POSTERIORS = "posterior-*.npz"
-FORMAT = 14
+FORMAT = 15
 """Of the file, and of features and their noise: a posterior of another form is trained again."""
 
 
@@ -63,7 +64,7 @@ def posterior_file(
     digest = hashlib.blake2b(digest_size=8)
     constants = (
         SUMMARY, DISCREPANCY, NETWORK, PRIOR, TRAINING, OUTSIDE, WITHHELD, NAMING, CALIBRATED,
-        PARAMETERS, SET_PRIOR, EFFECT_CURVE, SECOND_CAUSE,
+        PARAMETERS, SET_PRIOR, EFFECT_CURVE, SECOND_CAUSE, DISCREPANCY_SIZE,
     )  # fmt: skip
     parts = (
         identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
@@ -93,6 +94,10 @@ def save_posterior(posterior: Posterior, path: Path) -> None:
         "centre": within.centre,
         "scale": within.scale,
         "outside": np.array([posterior.outside.constant, *posterior.outside.coefficients]),
+        "discrepancy": np.array(
+            [posterior.discrepancy.constant, *posterior.discrepancy.coefficients]
+        ),
+        "discrepancy_missed": posterior.discrepancy.missed,
         "gap_free": posterior.gap_free,
         "misfits": posterior.misfits,
         "residuals": posterior.parameters.residuals,
@@ -216,12 +221,16 @@ def _checked(
         temperature=_positive(about, "temperature"),
     )
     outside = arrays.numbers("outside", sets.most + 2)
+    size = arrays.numbers("discrepancy", count + 1)
     return Posterior(
         standard=standard,
         within=within,
         outside=Outside(float(outside[0]), outside[1:]),
         levels=_levels(about["levels"]),
         parameters=_parameters(arrays, library, columns),
+        discrepancy=DiscrepancySize(
+            float(size[0]), size[1:], arrays.numbers("discrepancy_missed", "missed")
+        ),
         gap_free=arrays.numbers("gap_free", "plain", columns).astype(np.float32, copy=False),
         misfits=arrays.numbers("misfits", "misfits"),
         campaigns=_count(about, "campaigns"),

@@ -7,6 +7,7 @@ from typing import Any
 
 from vsr2.posterior.calibration import CALIBRATED
 from vsr2.posterior.discrepancy import DISCREPANCY
+from vsr2.posterior.discrepancy_size import DISCREPANCY_SIZE
 from vsr2.posterior.effect_curves import EFFECT_CURVE
 from vsr2.posterior.naming import NAMING
 from vsr2.posterior.network import NETWORK
@@ -23,6 +24,7 @@ def posterior_constants() -> dict[str, dict[str, Any]]:
     """Tuned numbers of training, calibration and naming, by what they are of."""
     return {
         "discrepancy": asdict(DISCREPANCY),
+        "discrepancy_size": asdict(DISCREPANCY_SIZE),
         "summaries": asdict(SUMMARY),
         "network": asdict(NETWORK),
         "prior": asdict(PRIOR),

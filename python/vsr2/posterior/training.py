@@ -19,6 +19,7 @@ from vsr2.errors import DiagnosisError
 from vsr2.one_line import counted
 from vsr2.posterior.calibration import JudgedCampaigns, Levels, calibrate, pooled
 from vsr2.posterior.discrepancy import Disturbance
+from vsr2.posterior.discrepancy_size import DiscrepancyInterval, DiscrepancySize
 from vsr2.posterior.goodness_of_fit import misfit, misfits_by, tail_probability
 from vsr2.posterior.naming import Naming, candidates, decide
 from vsr2.posterior.outside import Outside
@@ -44,6 +45,7 @@ class Found:
         residuals: standardised, shape (columns,).
         summaries: shape (summaries,).
         fit: tail probability of the campaign among simulated ones without effect.
+        discrepancy: by how much it differs beyond contact models.
         naming: what is said.
     """
 
@@ -51,6 +53,7 @@ class Found:
     residuals: Array
     summaries: Array
     fit: float
+    discrepancy: DiscrepancyInterval
     naming: Naming
 
 
@@ -64,6 +67,7 @@ class Posterior:
         outside: whether the cause lies outside of it.
         levels: calibrated.
         parameters: of effects.
+        discrepancy: by how much a campaign differs beyond contact models.
         gap_free: residuals of campaigns without effect, disturbed, in single precision, shape (n,
             columns).
         misfits: of campaigns without effect, disturbed and held out, rising, shape (n,).
@@ -77,6 +81,7 @@ class Posterior:
     outside: Outside
     levels: Levels
     parameters: Parameters
+    discrepancy: DiscrepancySize
     gap_free: Singles
     misfits: Array
     campaigns: int
@@ -108,7 +113,8 @@ class Posterior:
             self.within.alike,
             fit=fit,
         )
-        return Found(probability, residuals[0], summaries[0], fit, said)
+        differs = self.discrepancy.interval(self.within.inputs(summaries)[0])
+        return Found(probability, residuals[0], summaries[0], fit, differs, said)
 
     def with_references(self, references: Sequence[Found]) -> Posterior:
         """The same, where campaigns that have no effect are known.
@@ -166,7 +172,7 @@ def train(
         raise DiagnosisError("no effect is left to look for: exclude fewer")
     given, campaigns = len(campaigns), campaigns.within(library)
     plain, rng = campaigns.gap_free, generator(seed, Stream.COPIES)
-    copies = _disturbed_copies(seen, campaigns, trials, seed, rng)
+    copies, factor = _disturbed_copies(seen, campaigns, trials, seed, rng)
     fold = rng.permutation(len(campaigns)) % SUMMARY.folds
     standards = Standards.of(copies, plain, fold)
     misfits = misfits_by(standards, copies[1:], fold)
@@ -175,6 +181,7 @@ def train(
     parameters = fit_parameters(library, campaigns, residuals[1])
     truth = Truth.of(campaigns, Sets(tuple(library), most), library)
     within, held_out = learned(residuals, campaigns, library, truth, fold, len(trials), seed)
+    size = DiscrepancySize.of(within.inputs(held_out.summaries), factor, fold)
     parts = withheld(residuals, campaigns, library, truth, fold, within, seed)
     gap_free = np.concatenate([one[plain] for one in residuals[1:]])
     del residuals
@@ -185,7 +192,7 @@ def train(
     levels = calibrate(judged, truth, fit)
     _logger.info("trained on %s: %s", counted(len(campaigns), "campaign"), levels)
     return Posterior(
-        standards.by_all, within, outside, levels, parameters, gap_free, gap_free_misfits,
+        standards.by_all, within, outside, levels, parameters, size, gap_free, gap_free_misfits,
         given, len(campaigns),
     )  # fmt: skip
 
@@ -196,7 +203,7 @@ def _disturbed_copies(
     trials: NDArray[np.int64],
     seed: int,
     rng: np.random.Generator,
-) -> list[tuple[Singles, Singles]]:
+) -> tuple[list[tuple[Singles, Singles]], Array]:
     """Outcomes and features of campaigns as simulated, then disturbed, in single precision.
 
     Args:
@@ -205,15 +212,18 @@ def _disturbed_copies(
         trials: indices of those simulated.
         seed: of the training.
         rng: of the disturbances.
+
+    Returns:
+        The copies; by which factors the last one is disturbed, shape (n,).
     """
     overturned, features = campaigns.overturned, training_features(seen, campaigns, seed)
     plain = campaigns.gap_free
     disturbed = Disturbance.of(overturned[plain], features[plain], seen.motion[trials])
     copies = [(overturned.astype(np.float32), features)]
     for _ in range(TRAINING.copies):
-        outcome, noted = disturbed(overturned, features, rng)
+        outcome, noted, factor = disturbed(overturned, features, rng)
         copies.append((outcome.astype(np.float32), noted.astype(np.float32, copy=False)))
-    return copies
+    return copies, factor
 
 
 def _judged(

@@ -135,7 +135,7 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
 
 
 def _gap(evidence: Evidence) -> dict[str, Any]:
-    how_far = evidence.how_far
+    how_far, differs = evidence.how_far, evidence.found.discrepancy
     return {
         "state": str(evidence.verdict.gap),
         "fit": evidence.found.fit,
@@ -146,6 +146,7 @@ def _gap(evidence: Evidence) -> dict[str, Any]:
         "gain": how_far.gain().to_json(),
         "closure": how_far.closure(Loss.AFTER).to_json(),
         "headline": how_far.headline().to_json(),
+        "discrepancy": {"value": differs.median, "ci95": [differs.low, differs.high]},
         "layers": dict(evidence.layers),
     }
 

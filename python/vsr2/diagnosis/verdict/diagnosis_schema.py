@@ -95,7 +95,8 @@ class _Layers(SchemaPart):
 class _Gap(SchemaPart):
     """Losses a trial [nat], and what they say together.
 
-    `fit`: tail probability of the campaign among simulated ones without effect.
+    `fit`: tail probability of the campaign among simulated ones without effect. `discrepancy`:
+    standard deviation of the logarithm of a largest tilt between correct simulators [1].
     """
 
     state: GapState
@@ -109,6 +110,7 @@ class _Gap(SchemaPart):
     gain: Estimate
     closure: Estimate
     headline: Estimate
+    discrepancy: Estimate
     layers: _Layers
 
 
