@@ -31,7 +31,7 @@ from vsr2.campaign import TIERS
 from vsr2.effects import effect
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.campaigns import simulate_campaigns
-from vsr2.posterior.naming import VerdictKind
+from vsr2.posterior.naming import VerdictKind, is_wrong
 from vsr2.posterior.sets import are_alike
 from vsr2.posterior.training import Found, Posterior
 from vsr2.results.atomic import csv_text, write_text
@@ -54,7 +54,7 @@ def judged(
     Args:
         name: of the effect.
         inferred: campaigns that have it.
-        known: campaigns whose cause the library has, and whether it is among the names.
+        known: campaigns whose cause the library has, and whether nothing is named but it.
         plain: campaigns without effect.
     """
     from scipy.stats import mannwhitneyu
@@ -62,7 +62,7 @@ def judged(
     own = np.array([one.probability[-1] for one in inferred])
     others = np.array([one.probability[-1] for one in [*(one for one, _ in known), *plain]])
     named = np.array([one.naming.kind.names_effects for one, _ in known])
-    right = np.array([among for _, among in known])
+    right = np.array([true for _, true in known])
     return {
         "effect": name,
         "campaigns": own.size,
@@ -131,7 +131,7 @@ def main() -> None:
         known = []
         for k, acting in [one for one in alone if one[1] not in lacking][:OTHERS]:
             one = found(k)
-            known.append((one, acting in {posterior.sets.names[e] for e in one.naming.effects}))
+            known.append((one, not is_wrong(one.naming, (posterior.sets.names.index(acting),))))
         table.append(judged(name, unknown, known, [found(k) for k in plain]))
         print(csv_text(table[-1:], ".3g"), flush=True)
         write_text(options.out, csv_text(table, ".3g"))

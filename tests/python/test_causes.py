@@ -20,6 +20,7 @@ from vsr2.causes import causes_schema, find_causes
 from vsr2.causes.causes import FILES, _corrected, _drawn
 from vsr2.causes.explained_gap import _floor_scores
 from vsr2.causes.inferred_causes import parameter_sizes
+from vsr2.causes.margins.acting_posterior import SAMPLER
 from vsr2.causes.margins.cause_space import cause_space
 from vsr2.causes.margins.held_out_causes import HELD_OUT_CAUSES
 from vsr2.causes.margins.outcome_model import Particles
@@ -58,6 +59,7 @@ def few_particles():
     with pytest.MonkeyPatch.context() as patch:
         few = replace(HELD_OUT_CAUSES, particles=40, everything=40, folds=4)
         patch.setattr("vsr2.causes.margins.held_out_causes.HELD_OUT_CAUSES", few)
+        patch.setattr("vsr2.causes.causes.SAMPLER", replace(SAMPLER, final=SAMPLER.particles))
         yield
 
 
@@ -70,6 +72,12 @@ def campaign() -> Campaign:
     ends = truth.run([Request(i, acting, 3, 1) for i in range(len(shaken))]).overturned
     trials = [replace(t, overturned=bool(e)) for t, e in zip(shaken.trials, ends, strict=True)]
     return replace(shaken, trials=tuple(trials))
+
+
+@pytest.fixture(scope="module")
+def half(campaign) -> Campaign:
+    """Half of its trials, of all motions."""
+    return campaign.select(np.arange(len(campaign)) % 4 < 2)
 
 
 @pytest.fixture(scope="module")
@@ -316,9 +324,8 @@ def test_a_cause_that_no_study_can_add_does_not_cost_the_others_their_scene() ->
     )
 
 
-def test_the_verb_writes_what_the_function_does(campaign, tmp_path, capsys) -> None:
-    few = campaign.select(np.arange(len(campaign)) % 4 < 2)
-    save_campaign(few, tmp_path / "campaign")
+def test_the_verb_writes_what_the_function_does(half, tmp_path, capsys) -> None:
+    save_campaign(half, tmp_path / "campaign")
     study = tmp_path / "box.yaml"
     study.write_text(
         json.dumps({**BOX, "motion": {"mode": "all_recordings", "folder": "campaign/motions"}})
@@ -412,36 +419,36 @@ def searched(campaign, **asked):
     )  # fmt: skip
 
 
-def test_a_trial_that_always_fails_is_no_witness(campaign, monkeypatch) -> None:
-    threshold = np.random.default_rng(0).normal(0.1, 0.3, len(campaign))
+def test_a_trial_that_always_fails_is_no_witness(half, monkeypatch) -> None:
+    threshold = np.random.default_rng(0).normal(0.1, 0.3, len(half))
     shaken_by(monkeypatch, lambda one: np.nan if one.trial == 3 else far(one, threshold))
-    result = searched(campaign)
+    result = searched(half)
     assert result.held_out["all"][3] == 0.5
     assert all(np.isfinite(p).all() for p in result.held_out.values())
     assert json.loads(result.to_json())["emulator"]["used"] == SCENES.least + 3
 
 
-def test_simulations_that_all_fail_are_refused(campaign, monkeypatch) -> None:
+def test_simulations_that_all_fail_are_refused(half, monkeypatch) -> None:
     shaken_by(monkeypatch, lambda one: np.nan)
     with pytest.raises(
         DiagnosisError, match="too few trials end with an outcome; try the scene with"
     ):
-        searched(campaign)
+        searched(half)
 
 
 @pytest.mark.parametrize("always", [True, False])
-def test_a_scene_in_which_nothing_matters_says_so(campaign, monkeypatch, always) -> None:
+def test_a_scene_in_which_nothing_matters_says_so(half, monkeypatch, always) -> None:
     shaken_by(monkeypatch, lambda one: always)
-    result = searched(campaign)
+    result = searched(half)
     assert json.loads(result.to_json())["emulator"]["error"] is None
     assert "equal in all of them, and tell nothing" in causes_text(result)
 
 
-def test_scores_that_do_not_exist_are_null(campaign, monkeypatch) -> None:
-    threshold = np.full(len(campaign), 0.9)
+def test_scores_that_do_not_exist_are_null(half, monkeypatch) -> None:
+    threshold = np.full(len(half), 0.9)
     shaken_by(monkeypatch, lambda one: far(one, threshold))
-    trials = [replace(t, overturned=i == 5) for i, t in enumerate(campaign.trials)]
-    result = searched(replace(campaign, trials=tuple(trials)))
+    trials = [replace(t, overturned=i == 5) for i, t in enumerate(half.trials)]
+    result = searched(replace(half, trials=tuple(trials)))
     assert (result.held_out["all"] < 0.5).all()
     scores = json.loads(result.to_json())["held_out"]["scores"]
     assert scores["precision"] == {"value": None, "ci95": None}
@@ -449,10 +456,10 @@ def test_scores_that_do_not_exist_are_null(campaign, monkeypatch) -> None:
     assert "precision" in causes_text(result)
 
 
-def test_the_strength_of_the_motion_can_be_left_out(campaign, monkeypatch) -> None:
-    threshold = np.random.default_rng(0).normal(0.1, 0.3, len(campaign))
+def test_the_strength_of_the_motion_can_be_left_out(half, monkeypatch) -> None:
+    threshold = np.random.default_rng(0).normal(0.1, 0.3, len(half))
     shaken_by(monkeypatch, lambda one: far(one, threshold))
-    result = searched(campaign, exclude=("table_gain",))
+    result = searched(half, exclude=("table_gain",))
     assert set(result.acting) == set(OFFERED) - {"table_gain"}
     assert result.content["excluded"] == ["table_gain"]
     assert result.content["motion_stronger_by"] == {"mean": 0.0, "interval": [0.0, 0.0]}
@@ -462,7 +469,7 @@ def test_the_strength_of_the_motion_can_be_left_out(campaign, monkeypatch) -> No
 def test_what_cannot_be_asked_is_refused_before_any_simulation(campaign) -> None:
     with pytest.raises(DiagnosisError, match=f"scenes is 3; give {SCENES.least} or more"):
         find_causes(campaign, scene(), scenes=3)
-    with pytest.raises(DiagnosisError, match="posterior draws: -1; give 0 to 3000"):
+    with pytest.raises(DiagnosisError, match=f"posterior draws: -1; give 0 to {SAMPLER.particles}"):
         find_causes(campaign, scene(), posterior_draws=-1)
     with pytest.raises(DiagnosisError, match="seed is -1"):
         find_causes(campaign, scene(), seed=-1)

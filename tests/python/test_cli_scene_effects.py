@@ -15,6 +15,7 @@ from cyclopts import App
 from command_line import run
 from diagnosis_samples import few_effects, few_simulations
 from vsr2.campaign import RunOptions, load_campaign, save_campaign, simulate_campaign
+from vsr2.causes.margins.acting_posterior import SAMPLER
 from vsr2.causes.margins.held_out_causes import HELD_OUT_CAUSES
 from vsr2.causes.margins.simulated_scenes import SCENES
 from vsr2.cli.main import app
@@ -114,6 +115,7 @@ def attributed(folder: Path, out: Path, *, effects: bool) -> object:
     few = replace(HELD_OUT_CAUSES, particles=20, everything=20, judged=1)
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr("vsr2.causes.margins.held_out_causes.HELD_OUT_CAUSES", few)
+        patch.setattr("vsr2.causes.causes.SAMPLER", replace(SAMPLER, final=SAMPLER.particles))
         left_out = [part for name in library() if name not in KEPT for part in ("--exclude", name)]
         run("campaign", "causes", path, folder / "campaign", "--out", out, *given, *left_out)
     return (out / "held_out.csv").read_text()

@@ -159,6 +159,29 @@ def test_turn_and_travel_are_those_between_the_rests() -> None:
         np.testing.assert_allclose(found, [0.2, 0.05], rtol=1e-9)
     np.testing.assert_allclose(rest_features(None, position, orientation, None), [0.2, np.nan])
     assert np.isnan(rest_features(tilt + 1.2, position, orientation, table)).all()
+    alone = rest_features(tilt, None, None, table, 2 * np.pi - 2 * half)
+    np.testing.assert_allclose(alone, [0.2, np.nan])
+
+
+def test_series_reach_tier_t_with_a_tilt_or_an_orientation() -> None:
+    plain = shaken_campaign(5, 8, duration=1.5)
+    time, rocked = bumps((0.5, 0.8, 0.3))
+    about_y = np.stack([0 * rocked, np.sin(rocked / 2), 0 * rocked, np.cos(rocked / 2)], axis=1)
+
+    def seen(peak, **channels):
+        series = Series(time=time, **channels)
+        trials = tuple(
+            dataclasses.replace(t, overturned=i % 2 > 0, peak_tilt=peak, series=series)
+            for i, t in enumerate(plain.trials)
+        )
+        return observe_campaign(dataclasses.replace(plain, trials=trials))
+
+    still = np.zeros(len(time))
+    assert [seen(peak, yaw=still, slip=still).tier for peak in (None, 0.3)] == ["B", "M"]
+    tilted, turned = seen(None, tilt=rocked), seen(None, orientation=about_y)
+    assert tilted.tier == turned.tier == "T"
+    count = len(tilted.measured)
+    np.testing.assert_allclose(turned.features[..., :count], tilted.features, atol=1e-6)
 
 
 def test_creep_below_the_resolution_is_taken_for_none() -> None:

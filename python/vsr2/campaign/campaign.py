@@ -188,6 +188,14 @@ class Series:
             if value is not None:
                 _refuse("series", {name: number_fault(value, 0, MAX_NOISE, "")})
 
+    @property
+    def tilt_angle(self) -> Array | None:
+        """The tilt, or else that of the orientation, shape (n,) [rad]; None: neither is there."""
+        if self.tilt is not None or self.orientation is None:
+            return self.tilt
+        x, y = self.orientation[:, 0], self.orientation[:, 1]
+        return np.asarray(2 * np.arcsin(np.minimum(np.hypot(x, y), 1.0)))
+
     def _checked(self, name: str, last: tuple[int, ...], limit: float, unit: str) -> Array | None:
         given = getattr(self, name)
         if given is None:
@@ -321,7 +329,7 @@ class CampaignTrial:
         """Information on the response: None (not even an outcome), B, M or T."""
         if self.overturned is None:
             return None
-        if self.series is not None:
+        if self.series is not None and self.series.tilt_angle is not None:
             return "T"
         return "B" if self.peak_tilt is None else "M"
 

@@ -357,7 +357,8 @@ class Schedule:
         if self._budget.campaigns is not None:
             left = self._budget.campaigns - done
         elif self._budget.simulations is not None:
-            left = max(self._budget.simulations - self._cache.asked, 0) // max(trials, 1)
+            asked = self._cache.asked + self._judging()
+            left = max(self._budget.simulations - asked, 0) // max(trials, 1)
         else:
             left_s = max(self._total_s - self.spent_s, 0.0) / self._rate
             return min(self.spent_s / self._total_s, 1.0), left_s

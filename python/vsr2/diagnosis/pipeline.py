@@ -309,13 +309,13 @@ class _Work:
             done += count
             self._simulated(done, trials.size, leading)
             if leading is None and self._first_answer_is_due(done, trials.size):
-                self.notify(Stage.TRAINING, 0.0)
+                self._training(done, trials.size)
                 first = self._trained(campaigns, trials, done)
                 leading = (
                     first.infer(self.seen.overturned[trials], self.seen.features[trials]),
                     first,
                 )
-        self.notify(Stage.TRAINING, 0.0)
+        self._training(done, trials.size)
         self.campaigns = campaigns
         return self._trained(campaigns, trials, done)
 
@@ -324,6 +324,10 @@ class _Work:
         if self.report is None or not self.schedule.first_answer(done):
             return False
         return self.schedule.next_campaigns(done, trials) > 0
+
+    def _training(self, done: int, trials: int) -> None:
+        """Report that a training begins, and the time left to the end."""
+        self.notify(Stage.TRAINING, 0.0, left_s=self.schedule.progress(done, trials)[1])
 
     def _simulated(self, done: int, trials: int, leading: tuple[Found, Posterior] | None) -> None:
         budget = self.schedule.spent_s

@@ -192,7 +192,7 @@ def _turn(seen: Observations, i: int) -> float:
     series = trial.series
     if series is None:
         return np.nan
-    return float(rest_features(series.tilt, None, series.orientation, None)[0])
+    return float(rest_features(series.tilt_angle, None, series.orientation, None, series.yaw)[0])
 
 
 def _turn_noise(campaign: Campaign) -> Array:

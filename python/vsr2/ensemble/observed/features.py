@@ -219,6 +219,7 @@ def rest_features(
     position: Array | None,
     orientation: Array | None,
     table: Array | None,
+    yaw: Array | None = None,
 ) -> Array:
     """Turn and travel of a rock that came to rest upright.
 
@@ -227,6 +228,7 @@ def rest_features(
         position: travel of the mass centre since the rest before the motion, shape (t, 3) [m].
         orientation: rotation since then, in world axes, x, y, z, w, shape (t, 4).
         table: its own travel since then, along x, shape (t,) [m]; None: not known.
+        yaw: turn about the vertical since then, shape (t,) [rad]; the orientation goes before it.
 
     Returns:
         Shape (2,): magnitudes of the turn [rad] and of the travel [m]; NaN where not known.
@@ -236,8 +238,9 @@ def rest_features(
         return out
     if orientation is not None:
         # The twist about the vertical; its sign and that of the quaternion do not matter.
-        twist = 2 * np.arctan2(orientation[-SERIES.last :, 2], orientation[-SERIES.last :, 3])
-        out[0] = abs(np.median((twist + np.pi) % (2 * np.pi) - np.pi))
+        yaw = 2 * np.arctan2(orientation[:, 2], orientation[:, 3])
+    if yaw is not None:
+        out[0] = abs(np.median((yaw[-SERIES.last :] + np.pi) % (2 * np.pi) - np.pi))
     if position is not None and table is not None:
         along = np.median((position[:, 0] - table)[-SERIES.last :])
         out[1] = np.hypot(along, np.median(position[-SERIES.last :, 1]))

@@ -205,7 +205,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
     noise = used.noise.peak_tilt or 0.0
     offset = max(OBSERVED.least_tilt, noise)
     rest_noise = (
-        SERIES.rest_noise * (used.noise.orientation or 0.0),
+        SERIES.rest_noise * (used.noise.orientation or used.noise.yaw or 0.0),
         SERIES.rest_noise * (used.noise.position or 0.0),
     )
     columns: list[Array] = []
@@ -257,7 +257,7 @@ def _reached_tier(campaign: Campaign, wanted: Tier | None) -> Tier:
     """The tier that nine in ten trials reach (`OBSERVED.most_lacking`), or a lower one."""
     standing = [t for t in campaign.trials if not t.overturned]
     without_tilt = [t.trial for t in standing if not np.isfinite(_peak(t))]
-    without_series = [t.trial for t in campaign.trials if t.series is None]
+    without_series = [t.trial for t in campaign.trials if _tilt(t) is None]
     reached: Tier = "B"
     lacking, measured = without_tilt, "largest tilt"
     tilts = OBSERVED.most_lacking * len(without_tilt) <= len(standing)
@@ -279,9 +279,7 @@ def series_sampling(campaign: Campaign) -> Sampling | None:
 
     The median sampling interval of all trials, and their stated noise or else the campaign's.
     """
-    found = [
-        t.series for t in campaign.trials if t.series is not None and t.series.tilt is not None
-    ]
+    found = [t.series for t in campaign.trials if t.series is not None and _tilt(t) is not None]
     intervals = [float(np.median(np.diff(one.time))) for one in found if one.time.size > 1]
     if not intervals:
         return None
@@ -305,16 +303,20 @@ def _index(names: list[str]) -> NDArray[np.int64]:
 def _peak(trial: CampaignTrial) -> float:
     if trial.peak_tilt is not None:
         return trial.peak_tilt
-    if trial.series is not None and trial.series.tilt is not None:
-        return float(np.max(np.abs(trial.series.tilt)))
-    return float("nan")
+    tilt = _tilt(trial)
+    return float("nan") if tilt is None else float(np.max(np.abs(tilt)))
+
+
+def _tilt(trial: CampaignTrial) -> Array | None:
+    """In time [rad]; None: not measured."""
+    return None if trial.series is None else trial.series.tilt_angle
 
 
 def _tilt_features(trial: CampaignTrial) -> Array:
-    series = trial.series
-    if series is None or series.tilt is None:
+    series, tilt = trial.series, _tilt(trial)
+    if series is None or tilt is None:
         return np.full(len(TILT_FEATURES), np.nan)
-    return tilt_features(series.time, np.abs(series.tilt))
+    return tilt_features(series.time, np.abs(tilt))
 
 
 def _rest_features(trial: CampaignTrial, record: Record | None) -> Array:
@@ -325,4 +327,4 @@ def _rest_features(trial: CampaignTrial, record: Record | None) -> Array:
     if record is not None and record.displacement is not None:
         moved = record.displacement - record.displacement[0]
         moved = np.interp(series.time, record.sample_interval * np.arange(moved.size), moved)
-    return rest_features(series.tilt, series.position, series.orientation, moved)
+    return rest_features(series.tilt_angle, series.position, series.orientation, moved, series.yaw)
