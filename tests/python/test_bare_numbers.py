@@ -50,7 +50,7 @@ UNTUNED: dict[str, set[str]] = {
         "simulation/planning.py:EDGE_ROWS",
     },
     "guard against rounding": {
-        "campaign/campaign.py:NORM_TOLERANCE", "posterior/network.py:FORBIDDEN",
+        "campaign/series.py:NORM_TOLERANCE", "posterior/network.py:FORBIDDEN",
         "ensemble/simulated/library.py:HALVINGS", "ensemble/simulated/simulator.py:RATIO_STEPS",
         "effects/rounding.py:_SAME", "effects/support.py:_UPRIGHT", "effects/underside.py:_LEVEL",
         "motion/motion.py:START_TOLERANCE", "motion/sample_spline.py:SETTLED",

@@ -4,7 +4,6 @@ from vsr2.campaign.campaign import (
     Campaign,
     CampaignTrial,
     MeasurementNoise,
-    Series,
     Specimen,
 )
 from vsr2.campaign.description import SCHEMA, campaign_schema
@@ -14,6 +13,7 @@ from vsr2.campaign.folds import grouped_folds, motion_folds, motion_resamples
 from vsr2.campaign.intensity import TrialIntensities, intensity_measures
 from vsr2.campaign.laboratory import import_lab
 from vsr2.campaign.save import save_campaign
+from vsr2.campaign.series import Series
 from vsr2.campaign.simulate import RunOptions, simulate_campaign, trial_statuses
 from vsr2.campaign.summary import campaign_summary
 from vsr2.codes import TIERS, Tier

@@ -13,8 +13,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from vsr2.campaign.campaign import Series
 from vsr2.campaign.file_problems import Problems
+from vsr2.campaign.series import Series
 from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.errors import CampaignError, MotionError

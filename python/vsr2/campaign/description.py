@@ -13,15 +13,14 @@ from pydantic import AfterValidator, Field, Strict, ValidationError
 
 from vsr2.campaign.campaign import (
     MAX_MASS,
-    MAX_NOISE,
     MAX_NOTE,
-    MAX_TIME,
     Campaign,
     MeasurementNoise,
     Specimen,
 )
 from vsr2.campaign.faults import id_fault, text_fault
 from vsr2.campaign.file_problems import Problems
+from vsr2.campaign.series import MAX_NOISE, MAX_TIME
 from vsr2.config.problems import Problem, dotted, problems_of, shown
 from vsr2.config.schema import DIALECT
 from vsr2.config.section import Section

@@ -4,11 +4,13 @@ from __future__ import annotations
 
 import math
 import re
+from collections.abc import Mapping
 
 import numpy as np
 
 from vsr2.campaign.columns import NUMBER_COLUMNS
 from vsr2.config.problems import shown
+from vsr2.errors import CampaignError
 from vsr2.near_words import peak
 
 MAX_TEXT = 200
@@ -69,3 +71,10 @@ def number_fault(
         ends = f"{low:g} to {high:g}{f' {unit}' if unit else ''}"
         return f"is {value:g}, must lie {edge} {ends}; check sign and unit"
     return None
+
+
+def refuse(owner: str, faults: Mapping[str, str | None]) -> None:
+    """Raise the first fault that there is, of `owner`."""
+    for key, fault in faults.items():
+        if fault is not None:
+            raise CampaignError(f"{key}: {fault}", key=owner)

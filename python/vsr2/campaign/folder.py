@@ -22,9 +22,10 @@ import numpy as np
 
 from vsr2.argument_names import checked_names
 from vsr2.campaign.array_files import SERIES_FOLDER, ArrayFiles
-from vsr2.campaign.campaign import Campaign, CampaignTrial, Series
+from vsr2.campaign.campaign import Campaign, CampaignTrial
 from vsr2.campaign.description import FILE, Description, read_description
 from vsr2.campaign.file_problems import CampaignProblem, Problems
+from vsr2.campaign.series import Series
 from vsr2.campaign.trials_table import MOTIONS, TRIALS, read_trials
 from vsr2.config.bounded import near_path
 from vsr2.errors import CampaignError, GeometryError

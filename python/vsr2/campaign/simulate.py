@@ -22,9 +22,9 @@ from vsr2.campaign.campaign import (
     Campaign,
     CampaignTrial,
     MeasurementNoise,
-    Series,
     Specimen,
 )
+from vsr2.campaign.series import Series
 from vsr2.config.problems import shown
 from vsr2.config.seeds import checked_seed
 from vsr2.config.study import MeshRock, Study

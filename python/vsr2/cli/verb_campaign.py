@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Annotated, Any
 from cyclopts import App, Parameter
 
 from vsr2.campaign import Campaign, MeasurementNoise
-from vsr2.campaign.campaign import MAX_NOISE
+from vsr2.campaign.series import MAX_NOISE
 from vsr2.cli import options as opt
 from vsr2.cli.chosen_step import with_time_step
 from vsr2.errors import CampaignError, ConfigError
