@@ -1,6 +1,6 @@
 """Whether a blind round's scores come from its truth: its effects are dealt to other campaigns.
 
-    python studies/permuted_labels.py docs/results/blind_validation_14 [--deals N] [--seed N]
+    python studies/permuted_labels.py docs/results/blind_validation_13 [--deals N] [--seed N]
 
 Reads a results folder of `blind_check.py --score`. The effects of its strong single campaigns,
 those of two detection limits or more, are dealt among them at random, of each engine and tier, and

@@ -54,7 +54,7 @@ def judged(
     Args:
         name: of the effect.
         inferred: campaigns that have it.
-        known: campaigns whose cause the library has, and whether nothing is named but it.
+        known: campaigns whose cause the library has, and whether no name of it is wrong.
         plain: campaigns without effect.
     """
     from scipy.stats import mannwhitneyu

@@ -180,6 +180,7 @@ def test_series_reach_tier_t_with_a_tilt_or_an_orientation() -> None:
     assert [seen(peak, yaw=still, slip=still).tier for peak in (None, 0.3)] == ["B", "M"]
     tilted, turned = seen(None, tilt=rocked), seen(None, orientation=about_y)
     assert tilted.tier == turned.tier == "T"
+    # But for rounding of the quaternion.
     count = len(tilted.measured)
     np.testing.assert_allclose(turned.features[..., :count], tilted.features, atol=1e-6)
 

@@ -74,7 +74,15 @@ def number_fault(
 
 
 def refuse(owner: str, faults: Mapping[str, str | None]) -> None:
-    """Raise the first fault that there is, of `owner`."""
+    """Refuse the first fault that there is.
+
+    Args:
+        owner: of the values.
+        faults: by key; None: there is none.
+
+    Raises:
+        CampaignError: names owner, key and fault.
+    """
     for key, fault in faults.items():
         if fault is not None:
             raise CampaignError(f"{key}: {fault}", key=owner)
