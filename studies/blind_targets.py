@@ -63,6 +63,7 @@ ROWS = (
         "wrong among all named, unknown ones counted",
         ScoreCode.WRONG, ALL, "at most .10", "at most .15",
     ),
+    Row("wrong among all named, of pairs", ScoreCode.PAIR_WRONG, ALL),
     Row("gap-free campaigns named", ScoreCode.NONE_NAMED, ALL, "at most .05", "at most .10"),
     Row("gap-free campaigns `none`", ScoreCode.NONE_SAID, ALL, "-", ".80"),
     Row("clean references `none`", ScoreCode.REFERENCE_NONE, ALL, "-", "1"),

@@ -1,7 +1,7 @@
 """Whether the diagnosis of a pack's scene recognises causes that it has never seen.
 
     python studies/withheld_block.py PACK/data SIMULATIONS [--campaigns N] [--tier TIER ...]
-        [--out FILE]
+        [--out FILE] [--levels FILE]
 
 Training withholds the library in parts, each with all that is declared alike to it, and calibrates
 names on campaigns whose cause is withheld. Nothing that judges such a campaign has seen its effect:
@@ -14,6 +14,11 @@ them, and one of those from one limit: AUROC by which the probability of outside
 campaigns whose cause is known or that have none, the share that exceeds 95 % of them, shares that
 are said to be unknown and that get a name, which is wrong. The last row is of strong single effects
 that the library has: shares that are said to be unknown, named, and named wrongly.
+
+A second table says what a name of one cause would cost at each level that its probability may be
+asked to have: the share of all names that would be wrong, kinds counted by the prior, the share
+whose cause lies outside, and the share of strong single effects that would be named rightly. Its
+last column is the AUROC of outside among campaigns with a gap alone.
 """
 
 from __future__ import annotations
@@ -37,7 +42,7 @@ from vsr2.campaign import TIERS
 from vsr2.diagnosis import Budget
 from vsr2.ensemble.protocol_cache import SIMULATIONS
 from vsr2.posterior.calibration import JudgedCampaigns, Levels, calibrate
-from vsr2.posterior.naming import VerdictKind, decide, is_wrong
+from vsr2.posterior.naming import Naming, NamingLimits, VerdictKind, decide, is_wrong
 from vsr2.posterior.training import Posterior, train
 from vsr2.posterior.truth import Truth
 from vsr2.results.atomic import csv_text, write_text
@@ -45,6 +50,8 @@ from vsr2.results.atomic import csv_text, write_text
 Array = NDArray[np.float64]
 STRONG = 2.0
 """Size from which an effect is strong [detection limits]."""
+LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+"""Probabilities that a name of one cause may be asked to have."""
 
 
 @dataclass
@@ -116,6 +123,47 @@ def rows(tier: str, judging: Judging) -> list[dict[str, Any]]:
     return [*out, row("in the library", held) | {"named_wrongly": mistaken}]
 
 
+def level_rows(tier: str, judging: Judging) -> list[dict[str, Any]]:
+    """What a name of one cause would cost at one tier, a row for each level."""
+    from sklearn.metrics import roc_auc_score
+
+    judged, truth, fit, levels = judging.judged[-1]
+    acts = truth.acting[judged.row]
+    strong = ~judged.unknown & (acts.sum(axis=1) == 1)
+    strong &= judging.sizes[-1][judged.row] >= STRONG
+    owners = [tuple(np.flatnonzero(a).tolist()) for a in acts & ~judged.unknown[:, None]]
+
+    def said(level: float) -> list[Naming]:
+        limits = NamingLimits(levels.none_limit, level, np.inf)
+        return [
+            decide(one, limits, truth.alike, fit=float(own))
+            for one, own in zip(judged.found, fit, strict=True)
+        ]
+
+    gap = np.array([one.kind is not VerdictKind.NONE for one in said(np.inf)])
+    auroc = roc_auc_score(
+        judged.unknown[gap], judged.labels[gap, -1], sample_weight=judged.weight[gap]
+    )
+    out = []
+    for level in LEVELS:
+        names = said(level)
+        named = np.array([one.kind.names_effects for one in names])
+        wrong = np.array([is_wrong(*one) for one in zip(names, owners, strict=True)])
+        total = max(float(judged.weight[named].sum()), 1e-9)
+        out.append(
+            {
+                "tier": tier,
+                "level": level,
+                "names": int(named.sum()),
+                "wrong": float(judged.weight[named & wrong].sum()) / total,
+                "outside": float(judged.weight[named & judged.unknown].sum()) / total,
+                "strong_named_rightly": float((named & ~wrong)[strong].mean()),
+                "auroc_of_gaps": auroc,
+            }
+        )
+    return out
+
+
 def main() -> None:
     """Run the study."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
@@ -124,9 +172,11 @@ def main() -> None:
     parser.add_argument("--campaigns", type=int, default=4000)
     parser.add_argument("--tier", action="append", choices=TIERS, help="default: all")
     parser.add_argument("--out", type=Path, default=Path("out/withheld_block.csv"))
+    parser.add_argument("--levels", type=Path, default=Path("out/withheld_block_levels.csv"))
     options = parser.parse_args()
     complete = next(one.id for one in read_pack(options.data).campaigns if not one.exclude)
     table: list[dict[str, Any]] = []
+    levels: list[dict[str, Any]] = []
     for tier in options.tier or TIERS:
         judging = Judging()
         with (
@@ -140,7 +190,9 @@ def main() -> None:
                 budget=Budget(campaigns=options.campaigns, held_out=False),
             )  # fmt: skip
         table += rows(tier, judging)
+        levels += level_rows(tier, judging)
         write_text(options.out, csv_text(table, ".3g"))
+        write_text(options.levels, csv_text(levels, ".3g"))
         print(csv_text(table[-1:], ".3g"), flush=True)
 
 

@@ -168,17 +168,25 @@ def test_of_a_round_no_more_is_kept_than_what_it_is_computed_from(folder) -> Non
     assert kept == {"README.md", "keyN.json.gz", "verdictsN.json.gz", RECORD}
 
 
-def test_the_documented_tables_are_those_of_the_study() -> None:
-    # Both tables of each folder that docs/validation/blind.md names, as the study prints them.
+@pytest.mark.parametrize("page", ["blind", "earlier_blind_rounds"])
+def test_the_documented_tables_are_those_of_the_study(page) -> None:
+    # Both tables of each folder that the page names, as the study prints them.
     root = RESULTS.parents[1]
-    documented = (root / "docs" / "validation" / "blind.md").read_text()
-    commands = re.findall(r"^python (studies/blind_targets\.py) (\S+)$", documented, re.MULTILINE)
-    assert commands
-    for study, folder in commands:
-        command = [sys.executable, str(root / study), str(root / folder)]
-        tables = subprocess.run(command, capture_output=True, text=True, check=True).stdout
-        scores, verdicts = tables.strip().split("\n\n")
+    documented = (root / "docs" / "validation" / f"{page}.md").read_text()
+    folders = re.findall(r"^python studies/blind_targets\.py (\S+)$", documented, re.MULTILINE)
+    assert folders
+    for folder in folders:
+        cases = [case for part in read_parts(root / folder) for case in part]
+        scores, verdicts = targets_table(cases), outcomes_table(cases)
         assert len(scores.splitlines()) > 20
         assert len(verdicts.splitlines()) > 5
         assert scores + "\n" in documented
         assert verdicts + "\n" in documented
+
+
+def test_the_study_prints_both_tables() -> None:
+    root, folder = RESULTS.parents[1], RESULTS / "blind_validation_5"
+    command = [sys.executable, str(root / "studies" / "blind_targets.py"), str(folder)]
+    printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
+    cases = [case for part in read_parts(folder) for case in part]
+    assert printed == f"{targets_table(cases)}\n\n{outcomes_table(cases)}\n"

@@ -349,7 +349,8 @@ from vsr2.effects import library
 # A rough diagnosis will do: what is tested is the way from pack to scores.
 for constants, changes in (
     (SCHEDULE, {{"fewest": 40}}), (LOOK, {{"plain": 16, "trials": 12}}),
-    (NETWORK, {{"passes": 20}}), (HELD_OUT, {{"members": 6}}), (NOISE_FLOOR, {{"most_trials": 4}}),
+    (NETWORK, {{"hidden": (24, 16), "passes": 20, "batch": 256}}), (HELD_OUT, {{"members": 6}}),
+    (NOISE_FLOOR, {{"most_trials": 4}}),
 ):
     for name, value in changes.items():
         object.__setattr__(constants, name, value)

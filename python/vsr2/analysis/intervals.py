@@ -62,13 +62,15 @@ NOTHING = Score(np.nan, np.nan, np.nan, 0)
 
 
 def proportion(hits: int, count: int) -> Score:
-    """A proportion with the exact interval of Clopper and Pearson (1934)."""
+    """A proportion with the exact interval of Clopper and Pearson (1934), by beta quantiles."""
     if count == 0:
         return NOTHING
-    from scipy.stats import binomtest
+    from scipy.special import betaincinv
 
-    interval = binomtest(hits, count).proportion_ci(INTERVALS.level, method="exact")
-    return Score(hits / count, float(interval.low), float(interval.high), count)
+    low, high = INTERVALS.ends
+    least = float(betaincinv(hits, count - hits + 1, low)) if hits else 0.0
+    most = float(betaincinv(hits + 1, count - hits, high)) if hits < count else 1.0
+    return Score(hits / count, least, most, count)
 
 
 def resampled(values: ArrayLike, statistic: Callable[[Array], Array], *, seed: int = 0) -> Score:
