@@ -19,6 +19,7 @@ from vsr2.effects import effect as effect_of
 from vsr2.ensemble.observed.observations import Observations
 from vsr2.ensemble.simulated.library import Library, free_parameters
 from vsr2.errors import Fault
+from vsr2.posterior.calibration import CALIBRATED, Levels
 from vsr2.posterior.sets import are_alike
 from vsr2.posterior.training import Found, Posterior
 from vsr2.posterior.truth import PRIOR
@@ -105,7 +106,7 @@ def limits_of_the_data(
         *_scarce(seen),
         *_unused(seen),
         *_one_outcome(seen),
-        *_detection(posterior.levels.detection_rate),
+        *limits_of_names(posterior.levels),
         *few_sessions(seen.session[trials], seen.motion[trials]),
         *_sensitivity(trials, insensitive),
         *_budget(provenance["budget"], posterior),
@@ -237,8 +238,12 @@ def _one_outcome(seen: Observations) -> Iterator[Statement]:
         yield Statement.of(LimitCode.ALL_OVERTURNED if alike == {1.0} else LimitCode.ALL_STOOD)
 
 
-def _detection(rate: float) -> Iterator[Statement]:
-    if rate <= 0:
+def limits_of_names(levels: Levels) -> Iterator[Statement]:
+    """What limits any name, causes outside the library counted."""
+    rate = levels.detection_rate
+    if not levels.named or levels.wrong > CALIBRATED.wrong:
+        yield Statement.of(LimitCode.FEW_NAMES, least=levels.least_name)
+    elif rate <= 0:
         yield Statement.of(LimitCode.NO_DETECTION_RATE)
     elif rate < LIMITS.low_detection_rate:
         yield Statement.of(LimitCode.LOW_DETECTION_RATE, rate=rate)
