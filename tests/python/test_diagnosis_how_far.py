@@ -389,6 +389,10 @@ def test_shares_are_means_over_permutations_and_add_up() -> None:
 
 
 def test_each_of_two_causes_is_found_on_motions_not_seen(judged, monkeypatch) -> None:
+    # A training for each group of motions.
+    monkeypatch.setattr(
+        "vsr2.diagnosis.how_far.waterfall.motion_groups", lambda motion, outcome: motion % 4
+    )
     effects = (("table_gain", (0.1,)), ("wear", (0.12,)))
     seen = judged.seen(*effects)
     rehearsal, found = judged.rehearsal, judged.rehearsal.infer(seen)
@@ -409,9 +413,6 @@ def test_each_of_two_causes_is_found_on_motions_not_seen(judged, monkeypatch) ->
     assert min(falls.share(name).low for name in ("table_gain", "wear")) > 0
     assert falls.closure().value > 0.6
     # A motion's own outcomes have no part in its prediction.
-    monkeypatch.setattr(
-        "vsr2.diagnosis.how_far.waterfall.motion_groups", lambda motion, outcome: motion % 5
-    )
     first = seen.motion[rehearsal.trials] == seen.motion[rehearsal.trials][0]
     turned = np.where(seen.motion == seen.motion[rehearsal.trials][0], 1 - seen.overturned,
                       seen.overturned)  # fmt: skip
