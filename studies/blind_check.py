@@ -385,9 +385,9 @@ def _trained(training: tuple[Path, Path] | None) -> str:
 
 
 def _shown(path: Path) -> str:
-    """A path as it is given in the root of the repository."""
+    """A path as it is given in the root of the repository; of one outside its name alone."""
     full = path.resolve()
-    return str(full.relative_to(ROOT)) if full.is_relative_to(ROOT) else str(path)
+    return str(full.relative_to(ROOT)) if full.is_relative_to(ROOT) else full.name
 
 
 if __name__ == "__main__":
