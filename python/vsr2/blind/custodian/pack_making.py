@@ -27,7 +27,16 @@ from vsr2.blind.custodian.engine import PackEngine, build_engine
 from vsr2.blind.custodian.measurements import Measurements
 from vsr2.blind.custodian.pack_constants import pack_constants
 from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
-from vsr2.blind.custodian.plan import Drawn, Limits, Planned, check_hidden, draw_plan, not_drawn
+from vsr2.blind.custodian.plan import (
+    Drawn,
+    Limits,
+    Planned,
+    apart,
+    check_hidden,
+    draw_plan,
+    left_out_with,
+    not_drawn,
+)
 from vsr2.blind.custodian.steps import ENTRY, PackState, Steps, numbers, read_back
 from vsr2.blind.form.events import EventCode, Say, unheard
 from vsr2.blind.form.pack_form import EffectAxis, tiers_made
@@ -217,9 +226,12 @@ def _allowed(
         allowed = settings.effects or engine.effects
         out[name] = {one: effect for one, effect in engine.effects.items() if one in allowed}
     if out:
-        most = len(
-            set.intersection(*({settings.class_of(one) for one in of} for of in out.values()))
-        )
+        common = set.intersection(*({settings.class_of(one) for one in of} for of in out.values()))
+        if not settings.leave_one_out:
+            # Those for which least is left out first, so that there are most of them.
+            smallest = sorted(common, key=lambda one: (len(left_out_with(one, settings)), one))
+            common = set(apart(smallest, settings))
+        most = len(common)
         check_hidden(settings, most if settings.leave_one_out else min(settings.hidden, most))
     return out
 

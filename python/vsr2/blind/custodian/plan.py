@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections import Counter
-from collections.abc import Callable, Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,7 +13,9 @@ from vsr2.blind.custodian.detection_limit import RULES
 from vsr2.blind.custodian.pack_streams import PackStream, pack_generator
 from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.blind.mujoco import Drawable
+from vsr2.effects import library
 from vsr2.errors import BlindError
+from vsr2.posterior.sets import are_alike
 
 
 @dataclass(frozen=True)
@@ -49,8 +51,8 @@ class Planned:
         kind, engine: drawn.
         protocol: by number.
         effects: none, one or two.
-        exclude: effects that the diagnosis may not use, a complete class: of the true effect where
-            the kind is `unknown`, of a decoy elsewhere.
+        exclude: effects that the diagnosis may not use (:func:`left_out_with`): for the class of
+            the true effect where the kind is `unknown`, for that of a decoy elsewhere.
     """
 
     index: int
@@ -115,11 +117,41 @@ def not_drawn(effects: Effects, limits: Limits, engine: str) -> list[str]:
     return out
 
 
+def left_out_with(members: Sequence[str], settings: PackSettings) -> tuple[str, ...]:
+    """All that is left out for a class: it, and what the library declares alike to an effect of it.
+
+    What nobody can tell from a cause is as unknown as the cause. Classes are complete.
+
+    Args:
+        members: of the class.
+        settings: of the pack.
+    """
+    known = library()
+    declared = [known[name] for name in members if name in known]
+    alike = {o for o, other in known.items() if any(are_alike(one, other) for one in declared)}
+    return tuple(sorted({m for one in {*members, *alike} for m in settings.class_of(one)}))
+
+
+def apart(classes: Iterable[tuple[str, ...]], settings: PackSettings) -> list[tuple[str, ...]]:
+    """Classes, in their order, for which no effect is left out that is left out for one before.
+
+    So of three classes one can be left out of every campaign with two effects that lacks neither.
+    """
+    out: list[tuple[str, ...]] = []
+    taken: set[str] = set()
+    for members in classes:
+        own = set(left_out_with(members, settings))
+        if not own & taken:
+            out.append(members)
+            taken |= own
+    return out
+
+
 def check_hidden(settings: PackSettings, found: int) -> None:
     """Refuse a pack in which what is left out of the library would tell the kind.
 
-    A decoy is of another class than the campaign's own effects, and there must be one for each
-    campaign: it takes three classes where there are pairs, else two.
+    A decoy leaves out no effect of the campaign's own, and there must be one for each campaign: it
+    takes three classes (:func:`apart`) where there are pairs, else two.
 
     Args:
         settings: of the pack.
@@ -134,9 +166,10 @@ def check_hidden(settings: PackSettings, found: int) -> None:
     decoys = any(n for count in counts for kind, n in count.items() if kind not in open_or_own)
     if decoys and any(settings.asks(engine) for engine in settings.engines) and found < needed:
         raise BlindError(
-            f"{found} effect classes may be left out of the library, this pack needs {needed}, or "
-            f"`exclude` would tell the kind; raise hidden ({settings.hidden}), allow effects of "
-            "more classes, or raise trials so that more of them reach their detection limit"
+            f"{found} effect classes may be left out of the library, each with all that is "
+            f"declared alike to it and none with another; this pack needs {needed}, or `exclude` "
+            f"would tell the kind; raise hidden ({settings.hidden}), allow effects of more "
+            "classes, or raise trials so that more of them reach their detection limit"
         )
 
 
@@ -168,7 +201,8 @@ def draw_plan(
     found = {e: directions(effects, limits, e) for e in settings.engines if settings.asks(e)}
     classes = [{settings.class_of(name) for name, _ in of} for of in found.values()]
     common = sorted(set.intersection(*classes)) if classes else []
-    hidden = [common[i] for i in rng.permutation(len(common))[: settings.hidden]]
+    shuffled = [common[i] for i in rng.permutation(len(common))]
+    hidden = apart(shuffled, settings)[: settings.hidden]
     decks = {}
     for engine in settings.engines:
         mine, left_out = found.get(engine, []), hidden
@@ -197,8 +231,8 @@ def draw_plan(
         ids["c" + rng.bytes(6).hex()] = None
     indices = rng.permutation(len(made)).tolist()
     campaigns = [
-        replace(planned, index=index, id=list(ids)[index], exclude=tuple(sorted(members)))
-        for index, planned, members in zip(indices, made, excluded, strict=True)
+        replace(planned, index=index, id=list(ids)[index], exclude=names)
+        for index, planned, names in zip(indices, made, excluded, strict=True)
     ]
     campaigns.sort(key=lambda planned: planned.index)
     refused = {engine: dict(deck.refused) for engine, deck in decks.items() if deck.refused}
@@ -211,11 +245,14 @@ def _left_out(
     made: Sequence[Planned],
     hidden: Mapping[str, Sequence[tuple[str, ...]]],
 ) -> list[tuple[str, ...]]:
-    """The class that each campaign's diagnosis may not use; () where there is no decoy for it.
+    """What each campaign's diagnosis may not use; () where nothing is hidden.
 
-    Those of decoys are dealt so that of each class about the same share is left out of campaigns
-    whose effect is of it: who counts how often a class is left out learns nothing of the kind.
-    Without `unknown` campaigns all classes are dealt evenly.
+    Decoys are dealt so that of each class about the same share is left out of campaigns whose
+    effect is of it: who counts how often a class is left out learns nothing of the kind. Without
+    `unknown` campaigns all classes are dealt evenly.
+
+    Raises:
+        BlindError: there is no decoy for a campaign.
     """
     own = [{settings.class_of(effect.name) for effect in planned.effects} for planned in made]
     unknown = [i for i, planned in enumerate(made) if planned.kind is Kind.UNKNOWN]
@@ -235,13 +272,21 @@ def _left_out(
     rest = {members: count * len(others) / counts.total() for members, count in counts.items()}
     out = [next(iter(own[i])) if i in unknown else () for i in range(len(made))]
     for i in others:
-        allowed = sorted(set(hidden[made[i].engine]) - own[i])
+        acting = {effect.name for effect in made[i].effects}
+        classes = sorted(set(hidden[made[i].engine]))
+        allowed = [one for one in classes if not acting & set(left_out_with(one, settings))]
+        if classes and not allowed:
+            raise BlindError(
+                f"for a campaign with {' and '.join(sorted(acting))} nothing can be left out of "
+                "the library but what is declared alike to it; allow effects of more classes, or "
+                "take another seed"
+            )
         if allowed:
             left = np.array([max(rest.get(members, 0.0), 0.0) for members in allowed])
             share = left / left.sum() if left.sum() > 0 else np.full(len(left), 1 / len(left))
             out[i] = allowed[int(rng.choice(len(allowed), p=share))]
             rest[out[i]] = rest.get(out[i], 0.0) - 1
-    return out
+    return [left_out_with(members, settings) for members in out]
 
 
 class _Deck:

@@ -116,7 +116,8 @@ class PackSettings:
         protocols: of the pack: campaigns of one share amplitudes, order and motions
         series_interval: of the series [s], up to 0.1; 0: none, tiers B and M alone
         effects: that may be drawn; empty: all that the engine has.
-        hidden: effect classes that may be left out of the library; at least 3 where there are pairs
+        hidden: effect classes that may be left out of the library, at most, each with all that the
+            library declares alike to it; at least 3 where there are pairs
         classes: equivalence classes that verdicts are judged by.
         replicates: draws of nuisances with and without an effect that measure its signal
         signal_trials: trials on which signals are measured
