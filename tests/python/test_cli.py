@@ -108,7 +108,7 @@ def test_nothing_asked_for_prints_help_and_is_an_error(capsys: pytest.CaptureFix
     [
         ("rum study.yaml", 'Did you mean "run"'),
         ("campaign simulte a --out b", 'Did you mean "simulate"'),
-        ("--verson", 'Did you mean "--version"'),
+        ("--verson", "--verson is no option here; did you mean `--version`?"),
         ("run study.yaml --thread 2", "Did you mean --threads"),
         ("run study.yaml --overwrit", "Did you mean --overwrite"),
         ("run study.yaml --no-quiet", "Unknown option: --no-quiet"),

@@ -52,10 +52,27 @@ def test_resuming_a_finished_run_is_success_with_nothing_to_do(
     assert state(out) == before
     assert run("run", study, "--out", out, "--resume", "--set", "motion.pga_g=0.2") == 2
     refused = capsys.readouterr().err
-    assert "already holds a result" in refused
-    for option in ("--overwrite", "--resume", "--out"):
+    assert "holds the finished result of another study" in refused
+    for option in ("--overwrite", "--out"):
         assert f"`{option}`" in refused
     assert run("run", study, "--out", out) == 2
+    assert "if it is of the same study, go on with `--resume`" in capsys.readouterr().err
+    assert run("run", study, "--out", out, "--resume", "--overwrite") == 2
+    assert "--overwrite and --resume exclude each other" in capsys.readouterr().err
+    assert state(out) == before
+
+
+def test_resuming_a_finished_campaign_leaves_its_files(
+    study: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    out = tmp_path / "campaign"
+    assert run("campaign", "simulate", study, "--out", out, "--quiet") == 0
+    with (out / "campaign.yaml").open("a") as file:
+        file.write("# a note of mine\n")
+    before = state(out)
+    assert run("campaign", "simulate", study, "--out", out, "--resume") == 0
+    assert "nothing to do" in capsys.readouterr().out
+    assert state(out) == before
 
 
 GRID = (
@@ -131,7 +148,7 @@ def test_resuming_a_finished_fragility_study(
     assert state(tmp_path / "out") == before
     # The same trials, another fit.
     assert run(*line, "--resume", "--set", "fragility.level=0.9") == 2
-    assert "already holds a result" in capsys.readouterr().err
+    assert "holds the finished result of another study" in capsys.readouterr().err
 
 
 def test_a_result_is_distinguished_from_a_campaign(

@@ -150,7 +150,7 @@ def test_a_pga_that_no_earthquake_has_is_a_warning(pga_g, warned):
         warnings.simplefilter("always")
         build_motions(asked, STEP)
     assert [one.category for one in seen] == [MotionWarning] * warned
-    assert all("PGA 3.1 g; 1 of 1 motions are above 3 g" in str(one.message) for one in seen)
+    assert all("PGA 3.1 g; 1 of 1 motion above 3 g" in str(one.message) for one in seen)
 
 
 def test_a_baseline_is_part_of_the_chain():

@@ -205,7 +205,7 @@ def test_units_beside_a_format_with_units_are_refused(tmp_path):
 def test_a_forced_format(tmp_path):
     rows = "".join(f"{t:.2f},{v:.9f}\n" for t, v in zip(T, WAVE, strict=True))
     path = write(tmp_path, "a.csv", rows)
-    with pytest.raises(MotionError, match="format='columns'"):
+    with pytest.raises(MotionError, match="by the format `columns`"):
         read_record(path)
     assert read_record(path, format="columns", units="m").size == N
     with pytest.raises(MotionError, match="format 'xls' is unknown; known: csv"):
@@ -215,7 +215,7 @@ def test_a_forced_format(tmp_path):
 @pytest.mark.parametrize(
     ("change", "message"),
     [
-        (lambda rows: [*rows[:5], "0.05", *rows[6:]], "row 6: 1 columns, expected 2"),
+        (lambda rows: [*rows[:5], "0.05", *rows[6:]], "row 6: 1 column, expected 2"),
         (lambda rows: [*rows[:5], "0.05 x", *rows[6:]], "row 6, column 2: 'x' is not a number"),
         (lambda rows: rows[:5] + rows[6:], "fill the gaps"),
         (lambda rows: rows[:9], "9 samples; a record needs at least 16"),

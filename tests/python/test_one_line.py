@@ -42,3 +42,20 @@ def test_a_count_agrees_with_its_noun_in_every_line_of_the_log() -> None:
     lines = re.compile(r"_logger\.\w+\(\s*\"([^\"]*%d (?:\w+ )?\w+s\b[^\"]*)")
     found = {p.name: lines.findall(p.read_text()) for p in package.rglob("*.py")}
     assert {name: texts for name, texts in found.items() if texts} == {}
+
+
+def test_a_count_agrees_with_its_noun_in_messages() -> None:
+    """A length before a regular plural; `none of the 2 trials` has another word for one."""
+    package = Path(vsr2.__file__).parent
+    joined = re.compile(r"\"\s*\n\s*f?\"")
+    counts = re.compile(
+        r"(?<!none of the )\{(?:len\([^{}]*\)|[\w.]+\.size)\} (?:\w+ )?[a-z]+s\b(?! of)"
+    )
+    irregular = re.compile(r"(?:vertices|probabilities|intensities|entries|body\.parts)")
+    found = {}
+    for path in package.rglob("*.py"):
+        if path.parent.name == "mujoco":  # It imports nothing of VSR2.
+            continue
+        texts = counts.findall(joined.sub("", path.read_text()))
+        found[path.name] = [text for text in texts if not irregular.search(text)]
+    assert {name: texts for name, texts in found.items() if texts} == {}

@@ -397,7 +397,7 @@ def test_damaged_tables_name_trial_and_column(tmp_path: Path) -> None:
     good = path.read_text()
     rows = good.splitlines(keepends=True)
     damages = {
-        rows[0] + rows[1]: "has 1 rows where provenance.json says 2",
+        rows[0] + rows[1]: "has 1 row where provenance.json says 2",
         good.replace('"stable"', '"flew"'): "trial 0, column outcome: 'flew'",
         good.replace(",1000,", ",many,"): "column steps: 'many'",
         good.replace(",1000,", ",9223372036854775808,"): "column steps",

@@ -261,7 +261,7 @@ def test_a_mesh_in_millimetres_is_a_warning_in_python(tmp_path: Path) -> None:
     box = trimesh.creation.box(extents=(40.0, 50.0, 100.0))
     box.export(tmp_path / "block.obj")
     rock = {"shape": "mesh", "file": str(tmp_path / "block.obj"), "mass": 500.0}
-    with pytest.warns(SceneWarning, match=r"100 m long; if its unit is not the metre, set `scale`"):
+    with pytest.warns(SceneWarning, match=r"100 m long; .* not the metre, scale it: `scale`"):
         build_scene(block(rock=rock, pedestal={"size": [60.0, 60.0, 0.5]}))
 
 

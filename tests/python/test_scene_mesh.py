@@ -168,7 +168,7 @@ BROKEN = {
     "kilometres": (CUBE.replace("0.1", "1e6"), "unit"),
     "far origin": (CUBE.replace("v 0 ", "v 9e7 ").replace("v 0.1 ", "v 90000001 "), "origin"),
     "microscopic": (CUBE.replace("0.1", "1e-6"), "unit"),
-    "one open face": (CUBE.replace("f 4 1 5 8\n", ""), "4 open edges in 1 holes.*repair: true"),
+    "one open face": (CUBE.replace("f 4 1 5 8\n", ""), "4 open edges in 1 hole;.*repair: true"),
     "face of three edges too many": (CUBE + "f 1 2 7\n", "edges of more than two faces"),
     "inverted face": (CUBE.replace("f 4 1 5 8", "f 8 5 1 4"), "disagree.*repair: true"),
     "no area": ("v 0 0 0\nv 1 0 0\nf 1 2 2\n", "without area"),

@@ -186,7 +186,7 @@ def test_inertia_that_cannot_be_the_rocks_own_gets_a_note(tmp_path: Path) -> Non
 BROKEN = {
     "no link": ("<robot/>", "0 links"),
     "two links": ('<robot><link name="a"/><link name="b"/></robot>', "2 links and 0 joints"),
-    "a joint": ('<robot><link name="a"/><joint name="j"/></robot>', "1 links and 1 joints"),
+    "a joint": ('<robot><link name="a"/><joint name="j"/></robot>', "1 link and 1 joint;"),
     "not a robot": ("<model/>", "not <robot>"),
     "not xml": ("<robot><link>", "not valid XML"),
     "doctype": ('<!DOCTYPE r [<!ENTITY a "b">]><robot/>', "DOCTYPE"),

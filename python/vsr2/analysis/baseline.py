@@ -15,6 +15,7 @@ from vsr2.analysis.metrics import Classification, classification_metrics
 from vsr2.campaign import Campaign, intensity_measures, motion_folds
 from vsr2.errors import ResultError
 from vsr2.motion import STANDARD_GRAVITY
+from vsr2.one_line import counted
 from vsr2.read_only import real_argument, truth_argument
 
 Array = NDArray[np.float64]
@@ -120,7 +121,9 @@ def logistic_probability(
     truth = truth_argument(overturned, "overturned", ResultError)
     terms, wanted = _terms(pga, pgv_pga), _terms(at_pga, at_ratio)
     if truth.shape != (len(terms),) or truth.size == 0:
-        raise ResultError(f"{truth.size} outcomes for {len(terms)} intensities; give one each")
+        raise ResultError(
+            f"{counted(truth.size, 'outcome')} for {len(terms)} intensities; give one each"
+        )
     if truth.all() or not truth.any():
         return np.full(len(wanted), (truth.sum() + 1.0) / (truth.size + 2.0))
     from sklearn.linear_model import LogisticRegression

@@ -20,6 +20,7 @@ from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.metrics import classification_metrics
 from vsr2.campaign import motion_resamples
 from vsr2.errors import ResultError
+from vsr2.one_line import counted
 from vsr2.read_only import label_argument
 
 Array = NDArray[np.float64]
@@ -83,7 +84,7 @@ def classification_intervals(
     truth, guess = np.asarray(observed), np.asarray(predicted)
     groups = label_argument(motions, "motions", ResultError)
     if groups.shape != truth.shape:
-        raise ResultError(f"motions has shape {groups.shape} for {truth.size} trials")
+        raise ResultError(f"motions has shape {groups.shape} for {counted(truth.size, 'trial')}")
     if not 0 < level < 1:
         raise ResultError(f"level {level} must lie between 0 and 1")
     drawn = score_replicates(truth, guess, motion_resamples(groups, replicates, seed))

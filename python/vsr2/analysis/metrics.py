@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from vsr2.errors import ResultError
+from vsr2.one_line import counted
 from vsr2.read_only import truth_argument
 
 
@@ -86,7 +87,7 @@ def classification_metrics(observed: ArrayLike, predicted: ArrayLike) -> Classif
     truth = truth_argument(observed, "observed", ResultError)
     guess = truth_argument(predicted, "predicted", ResultError)
     if truth.shape != guess.shape:
-        raise ResultError(f"observed has {truth.size} trials, predicted {guess.size}")
+        raise ResultError(f"observed has {counted(truth.size, 'trial')}, predicted {guess.size}")
     return Classification(
         true_positives=int(np.count_nonzero(truth & guess)),
         false_positives=int(np.count_nonzero(~truth & guess)),

@@ -14,6 +14,7 @@ from vsr2.analysis.intervals import INTERVALS
 from vsr2.analysis.metrics import classification_metrics
 from vsr2.campaign import motion_resamples
 from vsr2.errors import ResultError
+from vsr2.one_line import counted
 from vsr2.read_only import label_argument, real_argument, truth_argument
 
 Array = NDArray[np.float64]
@@ -190,8 +191,8 @@ def _checked(
     p = real_argument(probability, "probability", ResultError)
     if not truth.shape == groups.shape == p.shape:
         raise ResultError(
-            f"{truth.size} outcomes, {p.size} probabilities and {groups.size} motions; give one "
-            "each"
+            f"{counted(truth.size, 'outcome')}, {p.size} probabilities and "
+            f"{counted(groups.size, 'motion')}; give one each"
         )
     if not ((p > 0) & (p < 1)).all():
         raise ResultError("a probability is not between 0 and 1; no score holds for certainty")

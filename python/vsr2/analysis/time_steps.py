@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from vsr2.analysis.overturning_margin import MARGIN, seek_margins
 from vsr2.config import Study
 from vsr2.errors import SimulationError, Vsr2Error
+from vsr2.one_line import counted
 from vsr2.scene import Pose
 from vsr2.scene.rotation import multiply, yaw_quaternion
 from vsr2.simulation import check_trials, run_batch, study_trials
@@ -210,8 +211,8 @@ def _rows(
             if len(rows) > 1:
                 break
             raise TooFewMarginsError(
-                f"study {name!r}: {len(own)} of {len(margin)} motions overturn the rock at "
-                f"a strength between 1/e and e times their own; a comparison needs "
+                f"study {name!r}: {len(own)} of {counted(len(margin), 'motion')} overturn the rock "
+                "at a strength between 1/e and e times their own; a comparison needs "
                 f"{TIME_STEPS.fewest}; give more motions, or scale them (motion.scale) to where "
                 "the rock overturns"
             )

@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import ResultError
+from vsr2.one_line import counted
 from vsr2.results import TrialLog
 
 Array = NDArray[np.float64]
@@ -107,7 +108,7 @@ def tracking(log: TrialLog) -> Tracking:
 def _interval(time: Array) -> float:
     if time.size < TRACKING.least_rows:
         raise ResultError(
-            f"tracking: the log has {time.size} rows from the motion's start on; "
+            f"tracking: the log has {counted(time.size, 'row')} from the motion's start on; "
             f"{TRACKING.least_rows} are needed, lower output.log_every"
         )
     steps = np.diff(time)

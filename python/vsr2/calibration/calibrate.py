@@ -43,6 +43,7 @@ from vsr2.config.extended import Plain
 from vsr2.ensemble.simulated.nuisances import MOTION_NOISE
 from vsr2.ensemble.simulated.simulator import SIMULATION
 from vsr2.errors import CampaignError, ResultError
+from vsr2.one_line import counted
 from vsr2.results import base_provenance
 from vsr2.simulation.run_constants import run_constants
 
@@ -259,7 +260,8 @@ def calibrate(
     observed = campaign.overturned == 1
     if observed.all() or not observed.any():
         raise CampaignError(
-            f"campaign {campaign.name!r}: all {len(campaign)} usable trials ended alike: no fit"
+            f"campaign {campaign.name!r}: all {counted(len(campaign), 'usable trial')} ended "
+            "alike: no fit"
         )
     seed, settings, digest = study.study.seed, study.own, campaign_sha256(campaign)
     with EvaluationStore(folder, digest, len(campaign)) as store:

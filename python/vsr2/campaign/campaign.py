@@ -20,7 +20,7 @@ from vsr2.codes import Tier
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError, Renamed
 from vsr2.motion import Record, on_file
-from vsr2.one_line import OneLine
+from vsr2.one_line import OneLine, counted
 
 Array = NDArray[np.float64]
 
@@ -219,7 +219,8 @@ class Campaign(OneLine):
         trials = tuple(self.trials)
         if not 1 <= len(trials) <= MAX_TRIALS:
             raise CampaignError(
-                f"campaign {self.name!r}: has {len(trials)} trials; 1 to {MAX_TRIALS} are allowed"
+                f"campaign {self.name!r}: has {counted(len(trials), 'trial')}; 1 to {MAX_TRIALS} "
+                "are allowed"
             )
         ids: dict[str, str] = {}
         trial_of_order: dict[int, str] = {}
@@ -340,8 +341,8 @@ class Campaign(OneLine):
             mask = [bool(item) for item in chosen]
             if len(mask) != len(self.trials):
                 raise CampaignError(
-                    f"campaign {self.name!r}: the mask has {len(mask)} values for "
-                    f"{len(self.trials)} trials"
+                    f"campaign {self.name!r}: the mask has {counted(len(mask), 'value')} for "
+                    f"{counted(len(self.trials), 'trial')}"
                 )
         trials = tuple(t for t, keep in zip(self.trials, mask, strict=True) if keep)
         named = {trial.motion_file for trial in trials}

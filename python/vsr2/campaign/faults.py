@@ -12,6 +12,7 @@ from vsr2.campaign.columns import NUMBER_COLUMNS
 from vsr2.config.problems import shown
 from vsr2.errors import CampaignError
 from vsr2.near_words import peak
+from vsr2.one_line import counted
 
 MAX_TEXT = 200
 """Of a name or a description [characters]."""
@@ -52,7 +53,7 @@ def text_fault(value: object, *, limit: int = MAX_TEXT, empty: bool = False) -> 
     if not value:
         return None if empty else "is blank; fill it in"
     if len(value) > limit:
-        return f"has {len(value)} characters, at most {limit} are allowed; shorten it"
+        return f"has {counted(len(value), 'character')}, at most {limit} are allowed; shorten it"
     if not value.isprintable() or value != value.strip():
         return f"{shown(value)} holds line breaks, outer blanks or control characters; remove them"
     return None

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass, field
 
+from vsr2.one_line import counted
+
 MAX_PROBLEMS = 200
 """More are counted but not kept: one slip in a column repeats in every row."""
 
@@ -69,7 +71,7 @@ class Problems:
             lines.append(
                 f"... and {len(found) - _LISTED} more; `vsr2 campaign check` lists a folder's"
             )
-        return "\n  ".join([f"{heading}: {len(found)} problems", *lines])
+        return "\n  ".join([f"{heading}: {counted(len(found), 'problem')}", *lines])
 
     def __bool__(self) -> bool:
         return bool(self.found)

@@ -13,6 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsr2.campaign.campaign import Campaign
 from vsr2.config.seeds import checked_seed
 from vsr2.errors import CampaignError
+from vsr2.one_line import counted
 from vsr2.read_only import label_argument, real_argument
 
 MAX_REPLICATES = 100_000
@@ -55,10 +56,13 @@ def grouped_folds(
     names, member = np.unique(labels, return_inverse=True)
     outcome = real_argument(outcomes, "outcomes", CampaignError, truths=True)
     if outcome.shape != labels.shape:
-        raise CampaignError(f"{outcome.size} outcomes of {labels.size} trials; give one each")
+        raise CampaignError(
+            f"{outcome.size} outcomes of {counted(labels.size, 'trial')}; give one each"
+        )
     if not 2 <= folds <= names.size:
         raise CampaignError(
-            f"{folds} folds of {names.size} motions; choose from 2 to the number of motions"
+            f"{folds} folds of {counted(names.size, 'motion')}; choose from 2 to the number of "
+            "motions"
         )
     counts = np.zeros((names.size, 3))
     kinds = np.where(np.isnan(outcome), 2, outcome).astype(np.intp)

@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from vsr2.campaign.faults import number_fault, refuse
 from vsr2.errors import CampaignError
+from vsr2.one_line import counted
 from vsr2.read_only import real_array
 
 Array = NDArray[np.float64]
@@ -130,18 +131,19 @@ class Series:
             )
         if not 1 <= len(value) <= MAX_SERIES_ROWS:
             raise CampaignError(
-                f"{name} has {len(value)} rows; 1 to {MAX_SERIES_ROWS} are allowed", key="series"
+                f"{name} has {counted(len(value), 'row')}; 1 to {MAX_SERIES_ROWS} are allowed",
+                key="series",
             )
         if name != "time" and len(value) != self.time.size:
             raise CampaignError(
-                f"{name} has {len(value)} rows, time has {self.time.size}", key="series"
+                f"{name} has {counted(len(value), 'row')}, time has {self.time.size}", key="series"
             )
         bad = np.argwhere(~(np.abs(value) <= limit))
         if bad.size:
             place = tuple(int(i) for i in bad[0])
             raise CampaignError(
-                f"{name} is {value[place]:g} {unit} at row {place[0]}, beyond {limit:g} "
-                f"{unit}; {len(bad)} such values; leave such rows out, or check the unit",
+                f"{name} is {value[place]:g} {unit} at row {place[0]}, beyond {limit:g} {unit}; "
+                f"{counted(len(bad), 'such value')}; leave such rows out, or check the unit",
                 key="series",
             )
         value.setflags(write=False)

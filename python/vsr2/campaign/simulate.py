@@ -31,6 +31,7 @@ from vsr2.config.study import MeshRock, Study
 from vsr2.effects import apply_effects, chosen
 from vsr2.errors import CampaignError
 from vsr2.motion import Motion, Record
+from vsr2.one_line import counted
 from vsr2.results import (
     JUDGED,
     BatchResult,
@@ -155,7 +156,9 @@ def _motion_ids(given: Sequence[str] | None, asked: Sequence[Trial]) -> Sequence
     """One a trial; none given: the names of their motions."""
     names = [trial.motion.name for trial in asked] if given is None else given
     if len(names) != len(asked):
-        raise CampaignError(f"motion_ids has {len(names)} entries for {len(asked)} trials")
+        raise CampaignError(
+            f"motion_ids has {len(names)} entries for {counted(len(asked), 'trial')}"
+        )
     return names
 
 

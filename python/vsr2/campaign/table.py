@@ -13,6 +13,7 @@ from pathlib import Path
 from vsr2.campaign.file_problems import Problems
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.config.problems import shown
+from vsr2.one_line import counted
 
 MAX_TABLE_BYTES = 64 * 1024**2
 """Greater files are refused unread."""
@@ -89,7 +90,8 @@ def read_table(path: Path, file: str, problems: Problems) -> Table | None:
         if len(cells) != len(columns):
             problems.add(
                 file,
-                f"has {len(cells)} cells, the header {len(columns)}; give each column one cell",
+                f"has {counted(len(cells), 'cell')}, the header {len(columns)}; give each column "
+                "one cell",
                 row=line,
             )
             continue
@@ -99,7 +101,10 @@ def read_table(path: Path, file: str, problems: Problems) -> Table | None:
         for name, cell in zip(columns, cells, strict=True):
             if len(cell) > MAX_CELL:
                 problems.add(
-                    file, f"has {len(cell)} characters, at most {MAX_CELL}", row=line, column=name
+                    file,
+                    f"has {counted(len(cell), 'character')}, at most {MAX_CELL}",
+                    row=line,
+                    column=name,
                 )
         rows.append(Row(line, dict(zip(columns, cells, strict=True))))
     if not rows and len(problems.found) == faults:
@@ -131,7 +136,9 @@ def _lines(
 def _sound_header(columns: list[str], line: int, file: str, problems: Problems) -> bool:
     if len(columns) > MAX_COLUMNS:
         problems.add(
-            file, f"the header has {len(columns)} columns, at most {MAX_COLUMNS}", row=line
+            file,
+            f"the header has {counted(len(columns), 'column')}, at most {MAX_COLUMNS}",
+            row=line,
         )
         return False
     sound = True

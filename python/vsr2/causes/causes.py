@@ -52,6 +52,7 @@ from vsr2.ensemble.simulated.library import GAIN, sides
 from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.ensemble.simulated.scene_simulator import HYPOTHESES, SceneSimulator
 from vsr2.errors import ConfigError, DiagnosisError
+from vsr2.one_line import OneLine
 from vsr2.prediction.prediction import prediction_constants
 from vsr2.prediction.replicates import PREDICTION
 from vsr2.results import base_provenance, refuse_other_work
@@ -76,8 +77,8 @@ FILES = (
 )
 
 
-@dataclass(frozen=True, eq=False)
-class Causes:
+@dataclass(frozen=True, eq=False, repr=False)
+class Causes(OneLine):
     """What the outcomes of a campaign say of the scene's gaps.
 
     Attributes:
@@ -98,6 +99,16 @@ class Causes:
     folds: tuple[Mapping[str, Any], ...]
     corrected: Study | None
     drawn: tuple[Study, ...] = ()
+
+    @property
+    def facts(self) -> Mapping[str, object]:
+        """What the notation in one line shows: and likely causes."""
+        likely = {
+            name: round(acts, 2)
+            for name, acts in self.acting.items()
+            if acts >= FOUND_CAUSES.likely
+        }
+        return {"trials": len(self.trials), "likely": likely}
 
     @property
     def acting(self) -> dict[str, float]:

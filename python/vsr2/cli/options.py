@@ -43,6 +43,14 @@ def integer(kind: Any, tokens: Sequence[Token]) -> int | tuple[int, ...]:
     return numbers if get_origin(kind) is tuple else numbers[0]
 
 
+def positive_integer(kind: Any, tokens: Sequence[Token]) -> int:
+    """A whole number of 1 or more."""
+    number = integer(kind, tokens)
+    if not (isinstance(number, int) and number >= 1):
+        raise ValueError(f'"{number}" is not 1 or more')
+    return number
+
+
 Integer = Annotated[int, Parameter(converter=integer)]
 Study = Annotated[Path, Parameter(help="study to run")]
 Campaign = Annotated[Path, Parameter(help="folder of a campaign")]
@@ -76,7 +84,7 @@ Priors = Annotated[
 ]
 Threads = Annotated[
     int | None,
-    Parameter(converter=integer, help="default: all processors that this process may use"),
+    Parameter(converter=positive_integer, help="default: all processors that this process may use"),
 ]
 Scheduler = Annotated[
     str | None,
@@ -85,8 +93,11 @@ Scheduler = Annotated[
         "scheduler file (.json)"
     ),
 ]
-Overwrite = Annotated[bool, Parameter(help="replace what is there")]
-Resume = Annotated[bool, Parameter(help="go on with what is there, unfinished work on the same")]
+THERE = Group("What is there already (one of)", validator=one_of)
+Overwrite = Annotated[bool, Parameter(group=THERE, help="replace what is there")]
+Resume = Annotated[
+    bool, Parameter(group=THERE, help="go on with what is there, unfinished work on the same")
+]
 Json = Annotated[bool, Parameter(help="print JSON")]
 Quiet = Annotated[bool, Parameter(help="no progress, no summary")]
 

@@ -6,6 +6,7 @@ from cyclopts import (
     CoercionError,
     CycloptsError,
     MissingArgumentError,
+    UnknownCommandError,
     UnknownOptionError,
     UnusedCliTokensError,
     ValidationError,
@@ -30,7 +31,9 @@ def usage_error(error: CycloptsError, command: str) -> str:
     if isinstance(error, UnknownOptionError) and error.token.keyword == "--html":
         return f"--html is --out: `{command} ... --out FILE.html`"
     said = None
-    if isinstance(error, MissingArgumentError):
+    if isinstance(error, UnknownCommandError):
+        said = _no_option(error)
+    elif isinstance(error, MissingArgumentError):
         said = _unnamed(error, command) or _missing(error)
     elif isinstance(error, ValidationError):
         said = _excluding(error)
@@ -39,6 +42,17 @@ def usage_error(error: CycloptsError, command: str) -> str:
     elif isinstance(error, CoercionError):
         said = _no_value(error)
     return said or str(error)
+
+
+def _no_option(error: UnknownCommandError) -> str | None:
+    """An option where a verb should stand."""
+    from vsr2.near_words import offer
+
+    word = (error.unused_tokens or [""])[0]
+    if not word.startswith("-") or error.app is None:
+        return None
+    known = [name for name in error.app if name.startswith("--")]
+    return f"{word} is no option here; {offer(word, known)}"
 
 
 def _missing(error: MissingArgumentError) -> str | None:

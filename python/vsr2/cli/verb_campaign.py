@@ -399,11 +399,12 @@ def simulate(
     tilts, the table's motions, and series on request, each with noise on request. Until it ends,
     what is finished is kept in OUT.checkpoint.
     """
-    from vsr2.campaign import campaign_summary, save_campaign, trial_statuses
+    from vsr2.campaign import campaign_summary, save_campaign
     from vsr2.campaign.save import prepare_destination
+    from vsr2.report.messages.commands import finished_before
     from vsr2.report.messages.data import campaign_text
     from vsr2.report.messages.written import wrote
-    from vsr2.results import Status, remove_result
+    from vsr2.results import remove_result
     from vsr2.simulation import study_trials
 
     if options.session_size is not None and options.session_size < 1:
@@ -415,7 +416,13 @@ def simulate(
     prepare_destination(out, overwrite=replace)
     checkpoint = out.with_name(f"{out.name}.checkpoint")
     loaded, notes = with_time_step(loaded, study_trials, "campaign simulate", options)
-    campaign = _simulated(loaded, out, checkpoint, options, noise)
+    made = _made_before(out, checkpoint, options)
+    campaign = _simulated(loaded, made, checkpoint, options, noise)
+    if made is not None and options.name in (None, made.name):
+        # Its files may have been edited since.
+        if not options.quiet:
+            print(finished_before(out, len(made)))
+        return _code(made)
     campaign = dataclasses.replace(
         campaign,
         name=options.name or campaign.name,
@@ -428,15 +435,20 @@ def simulate(
     if not options.quiet:
         print(campaign_text(campaign_summary(campaign)))
         print(wrote(out))
-    if interrupted:
-        return 130
+    return 130 if interrupted else _code(campaign)
+
+
+def _code(campaign: Campaign) -> int:
+    """Exit code of a simulated campaign."""
+    from vsr2.campaign import trial_statuses
+    from vsr2.results import Status
+
     return 0 if set(trial_statuses(campaign).values()) <= {Status.ok} else 1
 
 
-def _simulated(
-    study: Study, dest: Path, checkpoint: Path, options: Simulating, noise: MeasurementNoise
-) -> Campaign:
-    from vsr2.campaign import RunOptions, load_campaign, simulate_campaign
+def _made_before(dest: Path, checkpoint: Path, options: Simulating) -> Campaign | None:
+    """The finished campaign that `--resume` finds; None: there is something to simulate."""
+    from vsr2.campaign import load_campaign
     from vsr2.results import has_journal, prepare_folder
 
     unfinished = has_journal(checkpoint)
@@ -452,6 +464,18 @@ def _simulated(
         made = None  # without its checkpoint nothing of it can be kept
     if made is None:
         prepare_folder(checkpoint, overwrite=options.overwrite, resume=options.resume)
+    return made
+
+
+def _simulated(
+    study: Study,
+    made: Campaign | None,
+    checkpoint: Path,
+    options: Simulating,
+    noise: MeasurementNoise,
+) -> Campaign:
+    from vsr2.campaign import RunOptions, simulate_campaign
+
     with opt.cluster(options.scheduler, options.threads) as client:
         return simulate_campaign(
             study,

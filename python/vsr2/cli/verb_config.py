@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any, Literal
@@ -199,8 +198,10 @@ def time_step(
     if tolerance is None:
         tolerance = asked.engine.time_step_tolerance or TIME_STEPS.tolerance
     replicates = TIME_STEPS.replicates if replicates is None else replicates
-    if not 0 < tolerance < math.inf:
-        raise ConfigError(f"--tolerance is {tolerance}; give a number above 0, as 0.02 for 2 %")
+    if not 0 < tolerance <= 1:
+        raise ConfigError(
+            f"--tolerance is {tolerance:g}; give a number above 0 and at most 1, as 0.02 for 2 %"
+        )
     lines = ProgressLines("config time-step")
 
     def progress(done: int, every: int) -> None:

@@ -43,6 +43,8 @@ def hazard(
 
     if age is not None and not 0 < age < float("inf"):
         raise HazardError(f"--age {age:g}: must be above 0 and finite [year]")
+    if not 0 < confidence < 1:
+        raise HazardError(f"--confidence {confidence:g}: must lie between 0 and 1, as 0.95 does")
     given = read_hazard_curve(curve, site=site)
     rates = rate_draws(given, read_lognormal(fragility, given.measure))
     low, high = rates.interval()

@@ -35,10 +35,15 @@ def inertia(
         scale: factor on the mesh's lengths
         repair: close a mesh that is open
     """
+    import numpy as np
+
     from vsr2.report.messages.data import inertia_text, scene_note
     from vsr2.scene import inertia_summary
+    from vsr2.scene.build import size_notes
 
     summary = inertia_summary(mesh, scale=scale, density=density, mass=mass, repair=repair)
+    unusual = size_notes(mesh.name, np.asarray(summary["extents_m"]))
+    summary["notes"] += [note.to_json() for note in unusual]
     if json:
         notes = [{**note, "text": scene_note(note)} for note in summary["notes"]]
         print_json({**summary, "notes": notes})

@@ -108,12 +108,13 @@ def info(
     Args:
         files: recordings
     """
-    from vsr2.motion import intensity_measures
+    from vsr2.motion import intensity_measures, warn_of_unusual_pga
     from vsr2.report.messages.commands import table
 
     rows = [
         intensity_measures(reading.read(file), **processing.arguments()).as_dict() for file in files
     ]
+    warn_of_unusual_pga([(str(file), row["pga_g"]) for file, row in zip(files, rows, strict=True)])
     if json:
         named = [{"file": str(file), **row} for file, row in zip(files, rows, strict=True)]
         print_json(named)
@@ -166,7 +167,7 @@ def convert(
         source: recording
     """
     from vsr2.errors import MotionError
-    from vsr2.motion import build_recorded_motion, write_record
+    from vsr2.motion import build_recorded_motion, warn_of_unusual_pga, write_record
     from vsr2.report.messages.data import motion_peaks
 
     pga_g = scaling.scale_to_pga_g
@@ -187,6 +188,7 @@ def convert(
     )
     if pga_g is not None:
         motion = motion.scaled_to_pga_g(pga_g, name=motion.name)
+    warn_of_unusual_pga([(motion.name, motion.pga_g)])
     write_record(motion, target, note=motion.source)
     if not quiet:
         print(motion_peaks(motion, target))
@@ -217,10 +219,16 @@ def generate(
         seed: of the noise
         time_step: [s]
     """
-    from vsr2.motion import intensity_measures, synthetic_motion, write_record
+    from vsr2.motion import (
+        intensity_measures,
+        synthetic_motion,
+        warn_of_unusual_pga,
+        write_record,
+    )
     from vsr2.report.messages.data import motion_measures
 
     motion = synthetic_motion(pga_g, pgv_pga_s, duration, seed, time_step)
+    warn_of_unusual_pga([(motion.name, motion.pga_g)])
     write_record(motion, target_file(out, overwrite=overwrite), note=motion.source)
     if not quiet:
         print(motion_measures(intensity_measures(motion), out))

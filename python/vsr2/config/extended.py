@@ -13,7 +13,14 @@ from pydantic import ValidationError
 
 from vsr2.config.bounded import from_here
 from vsr2.config.load import apply_overrides, build_study, locator
-from vsr2.config.problems import Problem, config_error, problems_of, shown, unknown_key
+from vsr2.config.problems import (
+    Problem,
+    config_error,
+    of_another_verb,
+    problems_of,
+    shown,
+    unknown_key,
+)
 from vsr2.config.section import Section
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import read_yaml
@@ -145,6 +152,8 @@ def load_extended(
     place = locator(label, document.lines, replaced)
     known = [*Study.model_fields, *own.model_fields]
     odd = [key for key in data if key not in known]
+    if foreign := of_another_verb(odd, known):
+        raise config_error([foreign], label, place)
     if odd:
         raise config_error([Problem((key,), unknown_key(key, known)) for key in odd], label, place)
     mine = {key: data[key] for key in own.model_fields if key in data}

@@ -12,7 +12,7 @@ from pydantic import ValidationError
 
 from vsr2.argument_names import checked_names
 from vsr2.config.bounded import from_here, near_path
-from vsr2.config.problems import Problem, config_error, problems_of
+from vsr2.config.problems import Problem, config_error, of_another_verb, problems_of
 from vsr2.config.section import Section
 from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath, dump_yaml, nearest_above, parse_yaml, read_yaml
@@ -171,6 +171,8 @@ def build_study(
         ConfigError: lists every problem.
     """
     where = place if place is not None else lambda _: label
+    if foreign := of_another_verb(map(str, data), Study.model_fields):
+        raise config_error([foreign], label, where)
     try:
         study = Study.model_validate(dict(data))
     except ValidationError as error:

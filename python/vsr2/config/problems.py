@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterable, Mapping, Sized
+from collections.abc import Callable, Collection, Iterable, Mapping, Sized
 from dataclasses import dataclass
 from typing import Any
 
@@ -15,6 +15,7 @@ from vsr2.config.study import Study
 from vsr2.config.yaml_file import KeyPath
 from vsr2.errors import ConfigError
 from vsr2.near_words import nearest
+from vsr2.one_line import counted
 
 _EXPECTED = {
     "float_type": "must be a number, without quotes",
@@ -84,7 +85,7 @@ def config_error(
         lines.append(f"{place(problem.path)}: {key}{problem.what}")
     if len(lines) == 1:
         return ConfigError(lines[0])
-    return ConfigError("\n  ".join([f"{label}: {len(lines)} problems", *lines]))
+    return ConfigError("\n  ".join([f"{label}: {counted(len(lines), 'problem')}", *lines]))
 
 
 def construction_error(error: ValidationError, root: type[Section]) -> ConfigError:
@@ -174,12 +175,24 @@ _OF_ANOTHER_VERB = {"fragility": "vsr2 fragility", **dict.fromkeys(_CALIBRATION,
 """Keys of a file that is no plain study, with the verb that takes it."""
 
 
+def of_another_verb(keys: Iterable[str], known: Collection[str]) -> Problem | None:
+    """That a file is one of another verb, by the first of its top-level keys that only that has.
+
+    Args:
+        keys: of the file.
+        known: those that a file of the verb at hand may have.
+    """
+    for key in keys:
+        if key in _OF_ANOTHER_VERB and key not in known:
+            verb = _OF_ANOTHER_VERB[key]
+            what = f"is a key of `{verb}`; run the file by `{verb}`, or remove the key"
+            return Problem((key,), what)
+    return None
+
+
 def _unknown_key(
     key: str, parent: KeyPath, section: type[Section] | None, root: type[Section]
 ) -> str:
-    if root is Study and not parent and key in _OF_ANOTHER_VERB:
-        verb = _OF_ANOTHER_VERB[key]
-        return f"is a key of `{verb}`; run the file by `{verb}`, or remove the key"
     if section is None:
         return "is no key here; remove it"
     if not nearest(key, section.model_fields):

@@ -226,6 +226,8 @@ def _composed(text: str, label: str) -> Node | None:
         what = ", ".join(part for part in (error.context, error.problem) if part)
         if "'\\t'" in what:
             what = "a tab stands where blanks indent; use blanks"
+        if "undefined alias" in what:
+            what += "; put text that begins with `*` in quotes"
         raise ConfigError(f"not valid YAML: {what}", file=label, line=line) from None
     except (YAMLError, ValueError, OverflowError) as error:
         # The scanner lets a few of these out, e.g. for an escape beyond Unicode.

@@ -13,6 +13,7 @@ from pathlib import Path
 from types import MappingProxyType, ModuleType
 from typing import get_args
 
+from vsr2.config.bounded import near_path
 from vsr2.config.load import file_locator
 from vsr2.config.problems import Problem, config_error
 from vsr2.effects import order, outcome, start
@@ -207,7 +208,9 @@ def _load(module: str) -> ModuleType:
             return importlib.import_module(module)
         spec = importlib.util.spec_from_file_location(f"vsr2_own_{path.stem}", path)
         if spec is None or spec.loader is None or not path.is_file():
-            raise ConfigError(f"{module}: no such file")
+            near = near_path(path)
+            meant = f"did you mean {near}?" if near else "check the path"
+            raise ConfigError(f"{module}: no such file; {meant}")
         loaded = importlib.util.module_from_spec(spec)
         sys.modules[spec.name] = loaded
         spec.loader.exec_module(loaded)

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import GeometryError
+from vsr2.one_line import counted
 from vsr2.scene.rotation import axis_aside
 
 if TYPE_CHECKING:
@@ -150,7 +151,7 @@ def convex_hull(points: Array) -> ConvexHull:
         return ConvexHull(points, qhull_options="Qt Q12 Pp")
     except QhullError as error:
         raise GeometryError(
-            f"the convex hull of {len(points)} points fails; is the rock flat?"
+            f"the convex hull of {counted(len(points), 'point')} fails; is the rock flat?"
         ) from error
 
 

@@ -36,6 +36,7 @@ from numpy.typing import ArrayLike, NDArray
 from vsr2.analysis.intervals import INTERVALS
 from vsr2.errors import ResultError
 from vsr2.fragility.settings import FIT
+from vsr2.one_line import counted
 from vsr2.read_only import label_argument, real_argument, truth_argument
 
 Array = NDArray[np.float64]
@@ -354,7 +355,8 @@ def _outcomes(
     member = np.unique(labels, return_inverse=True)[1]
     if not count == truth.size == member.size or not truth.size:
         raise ResultError(
-            f"{count} intensities, {truth.size} outcomes and {member.size} groups; give one each"
+            f"{count} intensities, {counted(truth.size, 'outcome')} and "
+            f"{counted(member.size, 'group')}; give one each"
         )
     return truth, member
 

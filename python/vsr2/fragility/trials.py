@@ -13,6 +13,7 @@ from vsr2.config.study import YawStart
 from vsr2.errors import SimulationError
 from vsr2.fragility.settings import FragilityStudy, Jitter
 from vsr2.motion import Motion, build_motions, warn_of_unusual_pga
+from vsr2.one_line import counted
 from vsr2.scene import build_scene, start_pose
 from vsr2.scene.rotation import multiply, normalized
 from vsr2.trial import Trial, rows_only
@@ -67,8 +68,8 @@ def fragility_trials(study: FragilityStudy) -> tuple[list[Trial], list[PlannedTr
     count = len(motions) * len(azimuths) * own.replicates
     if count > MAX_TRIALS:
         raise SimulationError(
-            f"{len(motions)} motions, {len(azimuths)} azimuths and {own.replicates} replicates "
-            f"make {count} trials; at most {MAX_TRIALS}"
+            f"{counted(len(motions), 'motion')}, {counted(len(azimuths), 'azimuth')} and "
+            f"{own.replicates} replicates make {count} trials; at most {MAX_TRIALS}"
         )
     scene = build_scene(base)
     clearance = 2.0 * base.engine.collision_margin
@@ -125,7 +126,7 @@ def _motions(study: FragilityStudy) -> list[tuple[str, Motion]]:
         for motion in motions
         for pga_g in targets
     ]
-    warn_of_unusual_pga([motion for _, motion in scaled])
+    warn_of_unusual_pga([(motion.name, motion.pga_g) for _, motion in scaled])
     return scaled
 
 

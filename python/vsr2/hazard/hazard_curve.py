@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import csv
 import re
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.config.bounded import near_path
 from vsr2.errors import HazardError, reason
+from vsr2.one_line import OneLine, counted
 from vsr2.read_only import ReadOnlyArrays, read_only, real_argument
 
 SITE_ROUNDING = 5.1e-6
@@ -23,8 +26,8 @@ MEASURE_OF = {"PGA": "pga_g"}
 """Intensities of OpenQuake in the unit of our measures. Its PGV is in cm/s, and not read."""
 
 
-@dataclass(frozen=True, eq=False)
-class HazardCurve(ReadOnlyArrays):
+@dataclass(frozen=True, eq=False, repr=False)
+class HazardCurve(ReadOnlyArrays, OneLine):
     """Annual rate of exceedance against intensity; a power law between two levels and beyond both.
 
     Attributes:
@@ -70,6 +73,17 @@ class HazardCurve(ReadOnlyArrays):
             )
 
     @property
+    def facts(self) -> Mapping[str, object]:
+        """What the notation in one line shows."""
+        return {
+            "measure": self.measure,
+            "levels": self.levels.size,
+            "lowest": float(self.levels[0]),
+            "highest": float(self.levels[-1]),
+            "source": self.source or None,
+        }
+
+    @property
     def slopes(self) -> Array:
         """Exponent k of rate = c / level^k between neighbours, shape (n - 1,)."""
         found: Array = -np.diff(np.log(self.rates)) / np.diff(np.log(self.levels))
@@ -98,7 +112,9 @@ def read_hazard_curve(path: Path | str, *, site: tuple[float, float] | None = No
         text = path.read_text(encoding="utf-8")
         lines = list(csv.reader(text.splitlines(), strict=True))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise HazardError(f"cannot be read ({reason(error)})", file=path) from None
+        near = "" if path.exists() else near_path(path)
+        meant = f"did you mean {near}?" if near else "give a hazard curve that OpenQuake exported"
+        raise HazardError(f"cannot be read ({reason(error)}); {meant}", file=path) from None
     years, measure, kind = _header(path, text.partition("\n")[0])
     columns, rows = lines[1] if len(lines) > 1 else [], [line for line in lines[2:] if line]
     names = [name for name in columns if name.startswith("poe-")]
@@ -157,7 +173,8 @@ def _site_row(
     if site is None:
         if len(table) != 1:
             raise HazardError(
-                f"holds {len(table)} sites ({shown}); choose one by `--site LON LAT`", file=path
+                f"holds {counted(len(table), 'site')} ({shown}); choose one by `--site LON LAT`",
+                file=path,
             )
         return table[0]
     found = [
@@ -167,8 +184,8 @@ def _site_row(
     ]
     if len(found) != 1:
         raise HazardError(
-            f"{len(found)} rows have the site {site[0]:g} {site[1]:g}; the file begins with "
-            f"{shown}",
+            f"{counted(len(found), 'row')} have the site {site[0]:g} {site[1]:g}; the file begins "
+            f"with {shown}",
             file=path,
         )
     return found[0]

@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from vsr2.analysis.intervals import INTERVALS
+from vsr2.config.bounded import near_path
 from vsr2.errors import HazardError, reason
 from vsr2.fragility import Lognormal
 from vsr2.hazard.hazard_curve import HazardCurve
@@ -236,10 +237,9 @@ def read_lognormal(folder: Path | str, measure: str) -> Lognormal:
     try:
         rows = list(csv.DictReader(path.read_text(encoding="utf-8").splitlines()))
     except (OSError, UnicodeDecodeError, csv.Error) as error:
-        raise HazardError(
-            f"cannot be read ({reason(error)}); give a folder that `vsr2 fragility` wrote",
-            file=path,
-        ) from None
+        near = "" if Path(folder).exists() else near_path(folder)
+        meant = f"did you mean {near}?" if near else "give a folder that `vsr2 fragility` wrote"
+        raise HazardError(f"cannot be read ({reason(error)}); {meant}", file=path) from None
     found = [
         row for row in rows if row.get("measure") == measure and row.get("azimuth_deg") == "all"
     ]

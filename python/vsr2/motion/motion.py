@@ -20,7 +20,7 @@ from vsr2.motion.channel_agreement import check_acceleration, check_displacement
 from vsr2.motion.motion_fields import check_fields
 from vsr2.motion.samples import Deferred, samples_of
 from vsr2.motion.units import STANDARD_GRAVITY
-from vsr2.one_line import OneLine
+from vsr2.one_line import OneLine, counted
 from vsr2.read_only import ReadOnlyArrays
 
 if TYPE_CHECKING:
@@ -156,8 +156,8 @@ class Motion(OneLine, ReadOnlyArrays):
         made = self._checked("acceleration", deferred.make())
         if made.size != self.size:
             raise MotionError(
-                f"motion {self.name!r}: its acceleration has {made.size} samples, the others "
-                f"{self.size}; they must have the same number"
+                f"motion {self.name!r}: its acceleration has {counted(made.size, 'sample')}, the "
+                f"others {self.size}; they must have the same number"
             )
         vars(self)["acceleration"] = made
         vars(self).pop("_deferred", None)
@@ -289,8 +289,9 @@ class Motion(OneLine, ReadOnlyArrays):
         velocity = self._checked(f"{side} velocity", given.velocity)
         if not (displacement.size == velocity.size == self.size):
             raise MotionError(
-                f"motion {self.name!r}: {side} has {displacement.size} and {velocity.size} "
-                f"samples, the motion along x {self.size}; they must be equal"
+                f"motion {self.name!r}: {side} has {displacement.size} and "
+                f"{counted(velocity.size, 'sample')}, the motion along x {self.size}; they must be "
+                "equal"
             )
         if abs(displacement[0]) > START_TOLERANCE:
             raise MotionError(
@@ -305,7 +306,7 @@ class Motion(OneLine, ReadOnlyArrays):
         if bad.size:
             raise MotionError(
                 f"motion {self.name!r}: {field} is {value[bad[0]]} at sample {bad[0]} "
-                f"(t = {bad[0] * self.time_step:g} s); {bad.size} such samples; "
+                f"(t = {bad[0] * self.time_step:g} s); {counted(bad.size, 'such sample')}; "
                 "repair or cut the record"
             )
         return value

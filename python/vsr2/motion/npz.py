@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsr2.errors import Vsr2Error
 from vsr2.motion.motion import Array
+from vsr2.one_line import counted
 
 _MAX_ARRAYS = 20
 """Of one file; more is no record."""
@@ -55,7 +56,9 @@ def npz_arrays(
         with zipfile.ZipFile(io.BytesIO(content)) as archive:
             members = archive.namelist()
             if len(members) > _MAX_ARRAYS or len(set(members)) != len(members):
-                raise NpzError("", f"holds {len(members)} arrays, some twice; write it again")
+                raise NpzError(
+                    "", f"holds {counted(len(members), 'array')}, some twice; write it again"
+                )
             names = {member.removesuffix(".npy"): member for member in members}
             check_names(names.keys())
             return {
@@ -125,7 +128,7 @@ def stored_array(
     if len(data) != wanted:
         raise NpzError(
             name,
-            f"has {len(data)} bytes where its shape needs {wanted}; copy the file, or write it, "
-            "again",
+            f"has {counted(len(data), 'byte')} where its shape needs {wanted}; copy the file, or "
+            "write it, again",
         )
     return np.frombuffer(data, dtype=dtype).reshape(shape, order="F" if fortran else "C")

@@ -21,6 +21,7 @@ from vsr2.motion.record import Record, file_record
 from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.text_table import MAX_LINE, text_lines
 from vsr2.motion.units import UNITS, Quantity, require_units, unit_in
+from vsr2.one_line import counted
 
 _HEADER_LINES = 20
 """Among which the line with NPTS and DT is sought."""
@@ -51,8 +52,7 @@ def read_peer(path: Path, content: bytes, units: RecordUnits | None) -> Record:
     if row is None:
         raise MotionError(
             f"{path}: no line `NPTS=..., DT=... SEC` or `... NPTS, DT` among the first "
-            f"{_HEADER_LINES}; save other text as two columns "
-            "(`--format columns`, in Python format='columns')"
+            f"{_HEADER_LINES}; save other text as two columns (format `columns`)"
         )
     found = _samples_and_interval(lines[row])
     assert found is not None
@@ -108,7 +108,9 @@ def _samples(path: Path, lines: list[str], start: int, count: int) -> Array:
     values: list[float] = []
     for row, line in enumerate(lines[start:], start + 1):
         if len(line) > MAX_LINE:
-            raise MotionError(f"{path}: row {row}: {len(line)} characters; at most {MAX_LINE}")
+            raise MotionError(
+                f"{path}: row {row}: {counted(len(line), 'character')}; at most {MAX_LINE}"
+            )
         text = line.rstrip()
         at = 0
         while at < len(text):

@@ -15,6 +15,7 @@ from vsr2.motion.motion import Array
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
 from vsr2.motion.samples import samples_of
 from vsr2.motion.units import Quantity
+from vsr2.one_line import OneLine, counted
 from vsr2.read_only import ReadOnlyArrays
 
 MAX_DISPLACEMENT = 1000.0
@@ -28,8 +29,8 @@ MIN_INTERVAL, MAX_INTERVAL = 1.0e-6, 1.0
 
 
 @checked_names(MotionError)
-@dataclass(frozen=True, eq=False)
-class Record(ReadOnlyArrays):
+@dataclass(frozen=True, eq=False, repr=False)
+class Record(ReadOnlyArrays, OneLine):
     """A recorded horizontal motion at its own sampling interval.
 
     Attributes:
@@ -55,6 +56,18 @@ class Record(ReadOnlyArrays):
     acceleration: Array | None = None
     source: str = ""
     sha256: str = ""
+
+    @property
+    def facts(self) -> Mapping[str, object]:
+        """What the notation in one line shows."""
+        channels = ("displacement", "velocity", "acceleration")
+        given = [name for name in channels if getattr(self, name) is not None]
+        return {
+            "name": self.name,
+            "channels": given,
+            "samples": getattr(self, given[0]).size,
+            "sample_interval_s": self.sample_interval,
+        }
 
     def __post_init__(self) -> None:
         if not MIN_INTERVAL <= self.sample_interval <= MAX_INTERVAL:
@@ -85,11 +98,13 @@ class Record(ReadOnlyArrays):
         value = samples_of(getattr(self, field), field, fewest=MIN_RECORD_SAMPLES, file=self.label)
         bad = np.flatnonzero(~(np.abs(value) <= limit))
         if bad.size:
-            remedy = "check the unit" if np.isfinite(value[bad[0]]) else "repair or cut the record"
+            beyond, remedy = "", "repair or cut the record"
+            if np.isfinite(value[bad[0]]):
+                beyond, remedy = f", beyond {limit:g} {unit}", "check the unit"
             raise MotionError(
                 f"{field} is {value[bad[0]]:g} {unit} at sample {bad[0]} "
-                f"(t = {bad[0] * self.sample_interval:g} s), beyond {limit:g} {unit}; {bad.size} "
-                f"such samples; {remedy}",
+                f"(t = {bad[0] * self.sample_interval:g} s){beyond}; "
+                f"{counted(bad.size, 'such sample')}; {remedy}",
                 file=self.label,
             )
         return value

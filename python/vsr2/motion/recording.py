@@ -208,7 +208,7 @@ def _check_csv_header(path: Path, header: Sequence[str], row: int) -> None:
         raise MotionError(
             f"{path}: row {row}: header {shown!r}; expected `time_s` and one or more of "
             "displacement_m, velocity_m_s, acceleration_m_s2 (convert other units; read two plain "
-            "columns with `--format columns`, in Python format='columns')"
+            "columns by the format `columns`)"
         )
 
 

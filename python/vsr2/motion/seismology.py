@@ -15,6 +15,7 @@ from vsr2.errors import MotionError
 from vsr2.motion.record import Record, file_record
 from vsr2.motion.samples import MAX_SAMPLES
 from vsr2.motion.units import require_units
+from vsr2.one_line import counted
 
 ObspyFormat = Literal["MSEED", "SAC", "KNET"]
 
@@ -110,11 +111,15 @@ def _only(traces: list[Samples], what: str, remedy: str) -> Samples:
         raise MotionError(f"{what}: holds no trace; a record has one channel")
     if len(traces) != 1:
         shown = ", ".join(trace[0] for trace in traces)[:200]
-        raise MotionError(f"{what}: {len(traces)} channels ({shown}); a record has one: {remedy}")
+        raise MotionError(
+            f"{what}: {counted(len(traces), 'channel')} ({shown}); a record has one: {remedy}"
+        )
     [only] = traces
     data = only.data
     if len(data) > MAX_SAMPLES:
-        raise MotionError(f"{what}: {len(data)} samples; at most {MAX_SAMPLES}: cut the record")
+        raise MotionError(
+            f"{what}: {counted(len(data), 'sample')}; at most {MAX_SAMPLES}: cut the record"
+        )
     if np.ma.isMaskedArray(data):
         missing = int(np.ma.getmaskarray(data).sum())
         if only.overlapping:

@@ -16,7 +16,7 @@ from vsr2.motion.record import Record
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
 from vsr2.motion.samples import samples_of
 from vsr2.motion.study_motions import build_recorded_motion, warn_of_unusual_pga
-from vsr2.motion.units import UNITS
+from vsr2.motion.units import UNITS, unit_in
 
 
 @checked_names(MotionError, {"dt": "interval"})
@@ -49,16 +49,17 @@ def from_signal(
     Warns:
         MotionWarning: a PGA above 3 g.
     """
-    if units not in UNITS:
+    unit = unit_in(units) if isinstance(units, str) else None
+    if unit is None:
         raise MotionError(
             f"motion {name!r}: units {shown(units)} are not known; use one of {', '.join(UNITS)}"
         )
-    quantity, size = UNITS[units]
+    quantity, size = UNITS[unit]
     values = samples_of(signal, f"motion {name!r}: {quantity}", fewest=MIN_RECORD_SAMPLES)
     channels: dict[str, Any] = {quantity: size * values}
     record = Record(name, interval, **channels)
     motion = build_recorded_motion(
         record, time_step, channel=quantity, filter=filter, baseline=baseline, name=name
     )
-    warn_of_unusual_pga([motion])
+    warn_of_unusual_pga([(motion.name, motion.pga_g)])
     return motion

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -11,14 +12,15 @@ from numpy.typing import ArrayLike
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array, Motion
 from vsr2.motion.units import STANDARD_GRAVITY
+from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyArrays, real_array
 
 PERIODS = tuple(float(period) for period in np.round(np.geomspace(0.02, 10.0, 100), 5))
 """Of oscillators [s], where none are given."""
 
 
-@dataclass(frozen=True, eq=False)
-class ResponseSpectrum(ReadOnlyArrays):
+@dataclass(frozen=True, eq=False, repr=False)
+class ResponseSpectrum(ReadOnlyArrays, OneLine):
     """Greatest responses of oscillators with one degree of freedom.
 
     Attributes:
@@ -30,6 +32,17 @@ class ResponseSpectrum(ReadOnlyArrays):
     period: Array
     displacement: Array
     damping: float
+
+    @property
+    def facts(self) -> Mapping[str, object]:
+        """What the notation in one line shows."""
+        ends = (float(self.period.min()), float(self.period.max())) if self.period.size else ()
+        return {
+            "periods": self.period.size,
+            "from_s": ends[0] if ends else None,
+            "to_s": ends[1] if ends else None,
+            "damping": self.damping,
+        }
 
     @property
     def pseudo_velocity(self) -> Array:

@@ -37,6 +37,7 @@ from vsr2.motion.record import Record
 from vsr2.motion.recording import read_record
 from vsr2.motion.resample import resample
 from vsr2.motion.samples import Deferred
+from vsr2.one_line import counted
 
 MAX_MOTIONS = 100_000
 """Most motions of one study."""
@@ -68,15 +69,19 @@ class MotionWarning(UserWarning):
     """Something about a motion that its maker should look at before it is run."""
 
 
-def warn_of_unusual_pga(motions: Sequence[Motion]) -> None:
-    """Warn, as :class:`MotionWarning`, of motions above `RECORDED.strongest_usual`."""
-    above = [motion for motion in motions if motion.pga_g > RECORDED.strongest_usual]
+def warn_of_unusual_pga(peaks: Sequence[tuple[str, float]]) -> None:
+    """Warn, as :class:`MotionWarning`, of motions above `RECORDED.strongest_usual`.
+
+    Args:
+        peaks: name and PGA [g] of each motion.
+    """
+    above = [peak for _, peak in peaks if peak > RECORDED.strongest_usual]
     if above:
-        strongest = max(above, key=lambda motion: motion.pga_g)
+        name, strongest = max(peaks, key=lambda one: one[1])
         warnings.warn(
-            f"motion {strongest.name!r}: PGA {strongest.pga_g:.4g} g; {len(above)} of "
-            f"{len(motions)} motions are above {RECORDED.strongest_usual:g} g. Check units and "
-            "scale; a noisy displacement record needs a filter",
+            f"motion {name!r}: PGA {strongest:.4g} g; {len(above)} of "
+            f"{counted(len(peaks), 'motion')} above {RECORDED.strongest_usual:g} g. Check "
+            "units and scale; a noisy displacement record needs a filter",
             MotionWarning,
             stacklevel=2,
         )
@@ -100,7 +105,7 @@ def build_motions(source: MotionSource, time_step: float) -> list[Motion]:
             motions or `MAX_TOTAL_SAMPLES` samples in all.
     """
     motions = _motions(source, time_step)
-    warn_of_unusual_pga(motions)
+    warn_of_unusual_pga([(motion.name, motion.pga_g) for motion in motions])
     return motions
 
 
@@ -429,8 +434,8 @@ def _matching_files(folder: Path, pattern: str) -> list[Path]:
         )
     if len(files) > MAX_MOTIONS:
         raise MotionError(
-            f"{folder}: {len(files)} files match {pattern!r}; at most {MAX_MOTIONS}: narrow "
-            "motion.pattern"
+            f"{folder}: {counted(len(files), 'file')} match {pattern!r}; at most {MAX_MOTIONS}: "
+            "narrow motion.pattern"
         )
     return files
 

@@ -17,6 +17,7 @@ from vsr2.motion.motion import Array
 from vsr2.motion.record import MAX_INTERVAL, MIN_INTERVAL
 from vsr2.motion.resample import MIN_RECORD_SAMPLES
 from vsr2.motion.samples import MAX_SAMPLES
+from vsr2.one_line import counted
 
 MAX_LINE = 10_000
 """Longest line [characters]."""
@@ -78,18 +79,20 @@ def number_columns(
     for index, line in enumerate(rows[start:]):
         row = start + index + 1
         if len(line) > MAX_LINE:
-            raise MotionError(f"{path}: row {row}: {len(line)} characters; one row a sample")
+            raise MotionError(
+                f"{path}: row {row}: {counted(len(line), 'character')}; one row a sample"
+            )
         cells = line.rstrip().split(separator)
         if len(cells) != count:
             raise MotionError(
-                f"{path}: row {row}: {len(cells)} columns, expected {count}; repair or remove "
-                "the row"
+                f"{path}: row {row}: {counted(len(cells), 'column')}, expected {count}; repair or "
+                "remove the row"
             )
         for column, cell in enumerate(cells):
             table[index, column] = cell_number(path, row, column, cell)
     if len(table) < MIN_RECORD_SAMPLES:
         raise MotionError(
-            f"{path}: {len(table)} samples; a record needs at least {MIN_RECORD_SAMPLES}"
+            f"{path}: {counted(len(table), 'sample')}; a record needs at least {MIN_RECORD_SAMPLES}"
         )
     return [np.ascontiguousarray(column) for column in table.T]
 
@@ -146,8 +149,8 @@ def uniform_interval(path: Path, time: Array, first_row: int) -> float:
         row = int(wrong[0])
         raise MotionError(
             f"{path}: row {row + first_row}: time {time[row]:.12g} s, expected "
-            f"{time[0] + row * interval:.12g} s at a uniform {interval:.6g} s; {wrong.size} such "
-            "rows: fill the gaps or interpolate to uniform sampling"
+            f"{time[0] + row * interval:.12g} s at a uniform {interval:.6g} s; "
+            f"{counted(wrong.size, 'such row')}: fill the gaps or interpolate to uniform sampling"
         )
     return interval
 

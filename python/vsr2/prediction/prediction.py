@@ -44,6 +44,7 @@ from vsr2.ensemble.simulated.library import GAIN
 from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.ensemble.simulated.scene_simulator import HYPOTHESES
 from vsr2.errors import CampaignError, ConfigError, DiagnosisError, MotionError, ResultError
+from vsr2.one_line import OneLine
 from vsr2.prediction.replicates import PREDICTION, PROVENANCE, Replicates
 from vsr2.results import base_provenance
 from vsr2.results.atomic import csv_text, write_text
@@ -83,8 +84,8 @@ class PredictionScore:
     intervals: Mapping[str, Interval]
 
 
-@dataclass(frozen=True, eq=False)
-class Prediction:
+@dataclass(frozen=True, eq=False, repr=False)
+class Prediction(OneLine):
     """Predictions of a campaign's trials.
 
     Attributes:
@@ -104,6 +105,12 @@ class Prediction:
     curve: tuple[ReliabilityBin, ...] = ()
     margins: Array | None = None
     provenance: Mapping[str, Any] = field(default_factory=dict)
+
+    @property
+    def facts(self) -> Mapping[str, object]:
+        """What the notation in one line shows."""
+        replicates, trials = self.outcomes.shape
+        return {"campaign": self.campaign.name, "trials": trials, "replicates": replicates}
 
     @property
     def probability(self) -> Array:

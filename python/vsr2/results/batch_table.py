@@ -12,6 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.errors import ResultError
+from vsr2.one_line import counted
 from vsr2.results.result import INTEGER_COLUMNS, OUTCOMES, STATUSES, TEXT_COLUMNS, TRIAL_COLUMNS
 
 _MAX_TEXT_FILE = 2**31
@@ -77,12 +78,13 @@ def read_table(path: Path, count: int) -> dict[str, NDArray[Any]]:
         )
     if len(rows) != count:
         raise ResultError(
-            f"{path}: has {len(rows)} rows where provenance.json says {count}; {remedy}"
+            f"{path}: has {counted(len(rows), 'row')} where provenance.json says {count}; {remedy}"
         )
     for i, row in enumerate(rows):
         if len(row) != len(header):
             raise ResultError(
-                f"{path}: trial {i} has {len(row)} values for {len(header)} columns; {remedy}"
+                f"{path}: trial {i} has {counted(len(row), 'value')} for "
+                f"{counted(len(header), 'column')}; {remedy}"
             )
     return {
         name: _parse_column(path, name, [row[j] for row in rows])

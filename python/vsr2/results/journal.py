@@ -42,7 +42,7 @@ _KIND = StoreKind(
     format="vsr2 journal",
     version=f"5 with columns {_COLUMNS}",
     foreign="belongs to an unfinished run with other trials or settings; finish that one with its "
-    "own study, or start again with overwrite",
+    "own study, or start again with `--overwrite`",
 )
 
 

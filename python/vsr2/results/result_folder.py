@@ -20,6 +20,7 @@ import os
 import re
 import secrets
 import shutil
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
@@ -30,6 +31,7 @@ from numpy.typing import NDArray
 from vsr2.argument_names import checked_names
 from vsr2.config.bounded import near_path
 from vsr2.errors import ResultError, reason
+from vsr2.one_line import counted
 from vsr2.results.arrays import read_arrays, write_arrays
 from vsr2.results.atomic import link_atomic, make_folder, write_atomic, write_text
 from vsr2.results.batch_table import read_table, read_text, table_text
@@ -110,14 +112,24 @@ def prepare_folder(
         ) from error
     present = _result_files(path)
     if present and not overwrite:
+        remedy = "replace it with `--overwrite`, or choose another folder by `--out`"
+        if resume:
+            raise ResultError(
+                f"{path}: holds the finished result of another study ({_named(present)}), with "
+                f"which `--resume` cannot go on; {remedy}"
+            )
         raise ResultError(
-            f"{path}: already holds a result ({present[0].name} and {len(present) - 1} more "
-            "files); replace it with `--overwrite`, choose another folder by `--out`, or, if it is "
-            "of the same study, go on with `--resume`"
+            f"{path}: already holds a result ({_named(present)}); {remedy}, or, if it is of the "
+            "same study, go on with `--resume`"
         )
     refuse_written(path / JOURNAL_FILE)
     _remove(present)
     return path
+
+
+def _named(files: Sequence[Path]) -> str:
+    more = len(files) - 1
+    return files[0].name + (f" and {counted(more, 'more file')}" if more else "")
 
 
 def remove_result(folder: str | os.PathLike[str]) -> None:

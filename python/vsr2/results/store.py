@@ -48,7 +48,7 @@ class StoreKind:
     format: str
     version: int | str
     foreign: str
-    damaged: str = "start again with overwrite"
+    damaged: str = "start again with `--overwrite`"
     unsummed: bool = False
 
 

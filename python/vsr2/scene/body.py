@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Mapping
 from dataclasses import dataclass, field
 from functools import cached_property
 
@@ -10,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.codes import Statement
+from vsr2.one_line import OneLine
 from vsr2.read_only import ReadOnlyArrays, read_only
 from vsr2.scene.field_values import (
     check_kinds,
@@ -38,8 +40,8 @@ class Pose:
         keep_numbers(self, position=3, orientation=4)
 
 
-@dataclass(frozen=True, eq=False)
-class MassProperties(ReadOnlyArrays):
+@dataclass(frozen=True, eq=False, repr=False)
+class MassProperties(ReadOnlyArrays, OneLine):
     """Mass properties of a rigid body; its arrays are read-only.
 
     Attributes:
@@ -64,6 +66,15 @@ class MassProperties(ReadOnlyArrays):
         keep_array(self, "principal_inertia", (3,))
         keep_array(self, "principal_axes", (3, 3))
         super().__post_init__()
+
+    @property
+    def facts(self) -> Mapping[str, object]:
+        """What the notation in one line shows."""
+        return {
+            "mass_kg": float(self.mass),
+            "mass_center_m": [float(f"{one:.6g}") for one in self.mass_center],
+            "principal_inertia_kg_m2": [float(f"{one:.6g}") for one in self.principal_inertia],
+        }
 
 
 @dataclass(frozen=True, eq=False)

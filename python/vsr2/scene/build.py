@@ -115,7 +115,7 @@ def build_rock(
         surface=surface,
         source=source,
         sha256=sha256,
-        notes=(*notes, *_size_notes(source, surface)),
+        notes=(*notes, *size_notes(source, np.ptp(surface.vertices, axis=0))),
     )
     _refuse_larger_than_top(body, pedestal)
     start_notes = _start_notes(body, pedestal, fixed=isinstance(rock.start, FixedStart))
@@ -134,7 +134,8 @@ def _refuse_larger_than_top(body: RockBody, pedestal: PedestalBody) -> None:
         raise GeometryError(
             f"{body.source}: the rock is {plan[0]:.4g} m x {plan[1]:.4g} m in plan, larger than "
             f"the pedestal's top of {top.size[0]:g} m x {top.size[1]:g} m; enlarge pedestal.size, "
-            "or set rock.scale where the unit is not the metre"
+            "or, where the unit is not the metre, set rock.scale of a file, change rock.size of a "
+            "box, or use `apply_scale` of a Trimesh"
         )
 
 
@@ -177,8 +178,14 @@ def _mesh_rock_mass(rock: MeshRock, loaded: LoadedMesh) -> MassProperties:
     return aabb_mass_properties(mass, loaded.hull_points, loaded.source)
 
 
-def _size_notes(source: str, surface: Triangles) -> list[Statement]:
-    longest = float(np.ptp(surface.vertices, axis=0).max())
+def size_notes(source: str, extents: Array) -> list[Statement]:
+    """Says whether a body is so long or so short that its unit may not be the metre.
+
+    Args:
+        source: its file, or what it is.
+        extents: of its bounding box, shape (3,) [m].
+    """
+    longest = float(np.max(extents))
     if NOTES.unusual_size[0] <= longest <= NOTES.unusual_size[1]:
         return []
     return [Statement.of(SceneNote.UNUSUAL_SIZE, file=source, length=longest)]

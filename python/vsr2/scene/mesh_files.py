@@ -21,6 +21,7 @@ from numpy.typing import NDArray
 from vsr2.config.bounded import UnreadableError, read_bounded
 from vsr2.config.problems import shown
 from vsr2.errors import GeometryError
+from vsr2.one_line import counted
 from vsr2.scene.body import Array
 
 IntArray = NDArray[np.int64]
@@ -211,8 +212,8 @@ def _check_ply_header(path: Path, data: bytes) -> None:
     for kind, count in re.findall(rb"element[ \t]+(\w+)[ \t]+(\d+)", header):
         if len(count) > 12 or int(count) > len(data):
             raise GeometryError(
-                f"the header promises {count[:20].decode()} of {kind.decode()!r}, more "
-                f"than a file of {len(data)} bytes can hold; export it again",
+                f"the header promises {count[:20].decode()} of {kind.decode()!r}, more than a "
+                f"file of {counted(len(data), 'byte')} can hold; export it again",
                 file=path,
             )
         if kind == b"face":

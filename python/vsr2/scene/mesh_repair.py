@@ -9,6 +9,7 @@ import numpy as np
 
 from vsr2.codes import Statement
 from vsr2.errors import GeometryError
+from vsr2.one_line import counted
 from vsr2.scene.body import Array
 from vsr2.scene.mesh_files import IntArray
 from vsr2.scene.notes import SceneNote
@@ -127,9 +128,12 @@ def check_solid(path: Path, vertices: Array, faces: IntArray, *, repaired: bool)
     edges = _Edges.of(faces)
     remedy = f"{EDITORS}, the repair could not" if repaired else f"set `repair: true`, or {EDITORS}"
     if len(edges.open) or edges.crowded:
-        crowded = f" and {edges.crowded} edges of more than two faces" if edges.crowded else ""
+        crowded = (
+            f" and {counted(edges.crowded, 'edge')} of more than two faces" if edges.crowded else ""
+        )
         raise GeometryError(
-            f"not watertight: {len(edges.open)} open edges in {edges.holes} holes"
+            f"not watertight: {counted(len(edges.open), 'open edge')} in "
+            f"{counted(edges.holes, 'hole')}"
             f"{crowded}; mass centre and inertia need a closed surface; {remedy}",
             file=path,
         )
@@ -143,8 +147,9 @@ def check_solid(path: Path, vertices: Array, faces: IntArray, *, repaired: bool)
         )
     if edges.twisted:
         raise GeometryError(
-            f"neighbouring faces disagree about outside and inside at {edges.twisted} "
-            "edges; set `repair: true`, or recompute normals (Blender: Recalculate Outside)",
+            "neighbouring faces disagree about outside and inside at "
+            f"{counted(edges.twisted, 'edge')}; set `repair: true`, or recompute normals "
+            "(Blender: Recalculate Outside)",
             file=path,
         )
     volume = signed_volume(vertices, faces)

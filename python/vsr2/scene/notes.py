@@ -42,7 +42,8 @@ class SceneNote(Code):
 
 WARNINGS: Mapping[str, str] = {
     SceneNote.UNUSUAL_SIZE: (
-        "{file}: {length:.4g} m long; if its unit is not the metre, set `scale`"
+        "{file}: {length:.4g} m long; if its unit is not the metre, scale it: `scale` of a file, "
+        "such as 0.001, `size` of a box, `apply_scale` of a Trimesh"
     ),
     SceneNote.SOFT_CONTACT: (
         "contact: the rock of {mass:.4g} kg presses itself at least {depth:.3g} m into the "

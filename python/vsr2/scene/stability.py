@@ -12,6 +12,7 @@ import numpy as np
 
 from vsr2.config.study import Engine
 from vsr2.errors import GeometryError
+from vsr2.one_line import counted
 from vsr2.scene.body import Array, MassProperties, RockBody
 from vsr2.scene.mass import box_inertia, mesh_mass_properties
 from vsr2.scene.mesh import load_mesh
@@ -196,9 +197,9 @@ def support_polygon(
         outline = ConvexHull(low)
     except (QhullError, ValueError) as error:
         raise GeometryError(
-            f"support: within {reach:.3g} m of the lowest point the body has {len(np.unique(low))} "
-            "points on one line; it does not stand in this orientation (see the stable poses of "
-            "`vsr2 inertia`)"
+            f"support: within {reach:.3g} m of the lowest point the body has "
+            f"{counted(len(np.unique(low)), 'point')} on one line; it does not stand in this "
+            "orientation (see the stable poses of `vsr2 inertia`)"
         ) from error
     return Support(
         polygon=low[outline.vertices],

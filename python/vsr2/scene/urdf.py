@@ -19,6 +19,7 @@ import numpy as np
 from vsr2.codes import Statement
 from vsr2.config.study import InertiaRule
 from vsr2.errors import GeometryError
+from vsr2.one_line import counted
 from vsr2.scene.body import Array, Box, Hull, MassProperties, Triangles
 from vsr2.scene.mass import (
     box_inertia,
@@ -166,8 +167,8 @@ def _only_link(path: Path, data: bytes) -> ElementTree.Element:
     joints = root.findall("joint")
     if len(links) != 1 or joints:
         raise GeometryError(
-            f"{path}: {len(links)} links and {len(joints)} joints; a rock is one rigid body: put "
-            "all <collision> elements into one <link> and remove the joints"
+            f"{path}: {counted(len(links), 'link')} and {counted(len(joints), 'joint')}; a rock is "
+            "one rigid body: put all <collision> elements into one <link> and remove the joints"
         )
     return links[0]
 
@@ -260,7 +261,8 @@ def _collision(
     shapes = [child for geometry in element.findall("geometry") for child in geometry]
     if len(shapes) != 1:
         raise GeometryError(
-            f"{path}: <collision> with {len(shapes)} shapes in <geometry>; it takes exactly one"
+            f"{path}: <collision> with {counted(len(shapes), 'shape')} in <geometry>; it takes "
+            "exactly one"
         )
     shape = shapes[0]
     if shape.tag == "box":

@@ -12,6 +12,7 @@ from vsr2.config import Study
 from vsr2.effects import apply_effects, chosen
 from vsr2.errors import Fault, SimulationError
 from vsr2.motion import build_motions
+from vsr2.one_line import counted
 from vsr2.results import CONTACT_COLUMNS, STATE_COLUMNS
 from vsr2.results.trial_log import EXCURSION_COLUMNS
 from vsr2.scene import Scene, build_scene
@@ -44,8 +45,8 @@ def study_trials(study: Study, scene: Scene | None = None) -> list[Trial]:
         beyond = [i for i in contact_trials if i >= len(motions)]
         if beyond:
             raise SimulationError(
-                f"output.contact_trials names trial {beyond[0]}, but there are only "
-                f"{len(motions)} trials, counted from 0"
+                f"output.contact_trials names trial {beyond[0]}, but the study makes only "
+                f"{counted(len(motions), 'trial')}, counted from 0"
             )
     silent = study.output.model_copy(update={"contacts_every": 0})
     seeds = np.random.SeedSequence(study.seed).generate_state(max(1, len(motions)), np.uint32)

@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 
 from vsr2.config.load import study_from_mapping
 from vsr2.errors import ResultError, Vsr2Error
+from vsr2.one_line import counted
 from vsr2.results import (
     BatchResult,
     TrialLog,
@@ -176,7 +177,7 @@ def choose_trial(folder: str | os.PathLike[str], result: BatchResult, trial: int
     if trial is None:
         return logged[0]
     if trial not in logged:
-        known = f"there are {len(result)} trials, counted from 0"
+        known = f"there is no other than {counted(len(result), 'trial')}, counted from 0"
         if 0 <= trial < len(result):
             known = f"it has no log; trials with one: {', '.join(map(str, logged[:20]))}"
         raise ResultError(f"{folder}: trial {trial} cannot be shown: {known}")

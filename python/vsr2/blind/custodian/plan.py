@@ -15,6 +15,7 @@ from vsr2.blind.form.pack_settings import Kind, PackSettings
 from vsr2.blind.mujoco import Drawable
 from vsr2.effects import library
 from vsr2.errors import BlindError
+from vsr2.one_line import counted
 from vsr2.posterior.sets import are_alike
 
 
@@ -326,9 +327,9 @@ class _Deck:
         classes = {settings.class_of(name) for name in self.names}
         if settings.asks(engine) and (len(classes) < needed or not hidden):
             raise BlindError(
-                f"engine {engine}: {len(self.names)} effects can be drawn from 0.5 to 6 times "
-                f"their detection limit, too few for this pack; raise trials ({settings.trials}), "
-                "or allow more effects"
+                f"engine {engine}: {counted(len(self.names), 'effect')} can be drawn from 0.5 to 6 "
+                "times their detection limit, too few for this pack; raise trials "
+                f"({settings.trials}), or allow more effects"
             )
 
     def campaign(self, kind: Kind, protocol: int, only: str | None) -> tuple[Drawn, ...] | None:

@@ -17,6 +17,7 @@ from vsr2.campaign.table import read_table
 from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.problems import shown
 from vsr2.errors import BlindError
+from vsr2.one_line import counted
 
 ALL = "all"
 
@@ -194,8 +195,9 @@ def case_of(
     weights = entry["where"]["weights"]
     if weights and len(weights) != len(trials):
         raise BlindError(
-            f"{paths[0] / TRIALS}: has {len(trials)} trials, but the key has {len(weights)} "
-            f"weights in campaigns.{name}.where; give one a trial, or none"
+            f"{paths[0] / TRIALS}: has {counted(len(trials), 'trial')}, but the key has "
+            f"{counted(len(weights), 'weight')} in campaigns.{name}.where; give one a trial, or "
+            "none"
         )
     exclude = tuple(entry.get("exclude") or ())
     _check_verdict(verdict, str(paths[1]), exclude, trials)

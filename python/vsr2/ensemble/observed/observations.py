@@ -23,6 +23,7 @@ from vsr2.ensemble.observed.features import (
 )
 from vsr2.errors import DiagnosisError
 from vsr2.motion import Record
+from vsr2.one_line import counted
 
 Array = NDArray[np.float64]
 
@@ -192,9 +193,9 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
     motions = {campaign.trials[i].motion for i in kept}
     if len(kept) < OBSERVED.least_trials or len(motions) < OBSERVED.least_motions:
         raise DiagnosisError(
-            f"campaign {campaign.name!r}: {len(kept)} trials of {len(motions)} motions have both "
-            f"motion and outcome; a diagnosis needs {OBSERVED.least_trials} of "
-            f"{OBSERVED.least_motions} motions"
+            f"campaign {campaign.name!r}: motion and outcome are known of "
+            f"{counted(len(kept), 'trial')} of {counted(len(motions), 'motion')}; a diagnosis "
+            f"needs {OBSERVED.least_trials} trials, of {OBSERVED.least_motions} motions"
         )
     mask = np.zeros(len(campaign), dtype=bool)
     mask[kept] = True
@@ -267,9 +268,9 @@ def _reached_tier(campaign: Campaign, wanted: Tier | None) -> Tier:
             reached = "T"
     if wanted is not None and wanted > reached:
         raise DiagnosisError(
-            f"campaign {campaign.name!r}: reaches tier {reached}, not {wanted}: {len(lacking)} "
-            f"trials have no {measured} (the first is {lacking[0] if lacking else '-'}); choose "
-            f"tier {reached}, or measure more"
+            f"campaign {campaign.name!r}: reaches tier {reached}, not {wanted}: "
+            f"{counted(len(lacking), 'trial')} without {measured} (the first is "
+            f"{lacking[0] if lacking else '-'}); choose tier {reached}, or measure more"
         )
     return reached if wanted is None else wanted
 

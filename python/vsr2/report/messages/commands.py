@@ -45,8 +45,8 @@ def interrupted_batch(result: BatchResult, folder: Path) -> str:
     """How much of an interrupted batch is kept, and how to go on."""
     finished = int(result.finished.sum())
     return (
-        f"interrupted; {finished} of {len(result)} trials are finished and kept in {folder}. "
-        "`--resume` runs the others."
+        f"interrupted; {finished} of {counted(len(result), 'trial')} are finished and kept in "
+        f"{folder}. `--resume` runs the others."
     )
 
 
@@ -77,9 +77,9 @@ def interrupted_calibration(folder: Path) -> str:
 def calibration_search(result: CalibrationResult) -> str:
     """What a calibration searched, and how much of it was simulated now."""
     return (
-        f"{len(result.steps)} sets searched, best objective {result.searched.score:.4g}; "
-        f"{len(result.evaluations)} sets in all, {result.provenance['simulated_in_this_run']} of "
-        "them simulated now"
+        f"{counted(len(result.steps), 'set')} searched, best objective "
+        f"{result.searched.score:.4g}; {counted(len(result.evaluations), 'set')} in all, "
+        f"{result.provenance['simulated_in_this_run']} of them simulated now"
     )
 
 

@@ -237,4 +237,6 @@ def compatible_values(profile: Profile) -> str:
     else:
         text = f"{kept[0].low:g} to {kept[-1].high:g}" if kept else "none"
     untried = sum(cell.sets == 0 for cell in profile.cells)
-    return text + (f"; {untried} of {len(profile.cells)} parts untried" if untried else "")
+    return text + (
+        f"; {untried} of {counted(len(profile.cells), 'part')} untried" if untried else ""
+    )
