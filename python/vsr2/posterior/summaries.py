@@ -10,7 +10,7 @@ the residuals, and of what the discriminants do not reproduce.
 from __future__ import annotations
 
 from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import reduce
 from operator import add
 from typing import Any, Self, TypeVar
@@ -203,6 +203,16 @@ class Summaries:
     deviation: Array
     effect: NDArray[np.int64]
     trials: int
+
+    def without_regressions(self) -> Summaries:
+        """The same, where all campaigns are summarised: the regressions take most memory."""
+        count = self.deviation.size
+        return replace(
+            self,
+            coefficients=np.zeros((0, 0, count)),
+            intercepts=np.zeros((0, count)),
+            reproduction=np.zeros((count, 0)),
+        )
 
     def __call__(self, residuals: Array) -> Array:
         """Of campaigns that no regression saw, shape (n, summaries)."""

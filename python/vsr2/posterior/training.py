@@ -178,6 +178,8 @@ def train(
     misfits = misfits_by(standards, copies[1:], fold)
     # Features go as residuals come.
     residuals = [standards.by_all.residuals(*copies.pop(0)) for _ in range(len(copies))]
+    # Of the campaigns themselves what acts in them is all that is asked from here on.
+    campaigns = campaigns.of_trials(np.zeros(campaigns.overturned.shape[1], dtype=bool))
     parameters = fit_parameters(library, campaigns, residuals[1])
     truth = Truth.of(campaigns, Sets(tuple(library), most), library)
     within, held_out = learned(residuals, campaigns, library, truth, fold, len(trials), seed)

@@ -12,7 +12,7 @@ outlier exposure", ICLR 2019).
 from __future__ import annotations
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -91,7 +91,7 @@ class WithheldPart:
     """What a library that lacks a part makes of the last copy of campaigns.
 
     Attributes:
-        within: what is learned of the part that is left.
+        within: what is learned of the part that is left, without the regressions of summaries.
         rows: indices of campaigns whose cause is withheld.
         fold: group of each of these.
         summaries: of these, shape (withheld, summaries).
@@ -175,11 +175,13 @@ def withheld(
             generator(seed, Stream.PARTS, number),
         )  # fmt: skip
         summaries = within.summaries.by_folds(residuals[-1][rows], fold[rows])
+        left = held_out_left(within, summaries, fold[rows])
+        known_left = held_out_left(within, found, fold[among])
+        within = replace(within, summaries=within.summaries.without_regressions())
         out.append(
             WithheldPart(
-                within, rows, fold[rows], summaries,
-                held_out_left(within, summaries, fold[rows]), truth.weight[rows],
-                held_out_left(within, found, fold[among]), own_truth.weight,
+                within, rows, fold[rows], summaries, left, truth.weight[rows], known_left,
+                own_truth.weight,
             )
         )  # fmt: skip
     return out
