@@ -299,7 +299,7 @@ def main() -> None:
         child(*options.child)
         return
     rows: list[list[object]] = []
-    if options.only:
+    if options.only and options.out.exists():
         with options.out.open(newline="") as file:
             kept = list(csv.reader(file))[1:]
         rows += [list(row) for row in kept if not row[0].startswith(options.only)]
