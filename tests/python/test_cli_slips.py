@@ -81,7 +81,7 @@ def test_slips_get_their_remedy(
     assert not (tmp_path / "new").exists()
 
 
-def test_a_mesh_in_millimetres_is_noticed(tmp_path: Path, capsys) -> None:
+def test_a_mesh_in_millimetres_gets_a_note(tmp_path: Path, capsys) -> None:
     import trimesh
 
     file = tmp_path / "rock.stl"

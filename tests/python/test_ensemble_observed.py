@@ -457,7 +457,7 @@ def test_too_small_a_campaign_is_refused(trials: int) -> None:
     campaign = shaken_campaign(8, 6, duration=3.0)
     observed = observe(campaign, PlanarSimulator(campaign), nuisance=1)
     part = observed.select([i < trials for i in range(len(observed))])
-    with pytest.raises(DiagnosisError, match="needs 40 of 4 motions"):
+    with pytest.raises(DiagnosisError, match="needs 40 trials, of 4 motions"):
         observe_campaign(part)
 
 
@@ -480,7 +480,7 @@ def test_a_few_missing_tilts_cost_no_tier() -> None:
     many = without(set(standing[: len(standing) // 5 + 1]))
     assert observe_campaign(many).tier == "B"
     first = observed.trials[standing[0]].trial
-    with pytest.raises(DiagnosisError, match=rf"not M: \d+ trials have no largest tilt .*{first}"):
+    with pytest.raises(DiagnosisError, match=rf"not M: \d+ trials without largest tilt .*{first}"):
         observe_campaign(many, "M")
 
 

@@ -194,7 +194,7 @@ def test_a_fit_is_the_same_again_and_in_any_order():
 def test_what_cannot_be_fitted_is_refused():
     with pytest.raises(ResultError, match="above 0"):
         fit_fragility([0.0, 1.0], np.array([False, True]), [0, 1])
-    with pytest.raises(ResultError, match="2 intensities, 1 outcomes"):
+    with pytest.raises(ResultError, match="2 intensities, 1 outcome "):
         fit_fragility([0.5, 1.0], np.array([False]), [0, 1])
     with pytest.raises(ResultError, match="must be boolean"):
         fit_fragility([0.5, 1.0], np.array([0, 1]), [0, 1])

@@ -75,7 +75,7 @@ def test_the_verb_names_the_step_and_how_to_use_it(
     study = tmp_path / "block.yaml"
     study.write_text(json.dumps(BLOCK))  # JSON is YAML
     asked = ["config", "time-step", str(study), "--replicates", "1"]
-    assert main([*asked, "--tolerance", "9"]) == 0
+    assert main([*asked, "--tolerance", "1"]) == 0
     assert "--set engine.time_step=0.004" in capsys.readouterr().out
     assert main([*asked, "--tolerance", "1e-9", "--json"]) == 0
     said = json.loads(capsys.readouterr().out)

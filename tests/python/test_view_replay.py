@@ -148,7 +148,7 @@ def test_load_replay(tmp_path: Path) -> None:
     assert len(load_replay(folder, 2).time) == 11
     with pytest.raises(ResultError, match=r"trial 0 cannot be shown.*trials with one: 1, 2"):
         load_replay(folder, 0)
-    with pytest.raises(ResultError, match="there are 3 trials, counted from 0"):
+    with pytest.raises(ResultError, match="the result has 3 trials, counted from 0"):
         load_replay(folder, 3)
 
 

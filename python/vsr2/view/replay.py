@@ -177,7 +177,7 @@ def choose_trial(folder: str | os.PathLike[str], result: BatchResult, trial: int
     if trial is None:
         return logged[0]
     if trial not in logged:
-        known = f"there is no other than {counted(len(result), 'trial')}, counted from 0"
+        known = f"the result has {counted(len(result), 'trial')}, counted from 0"
         if 0 <= trial < len(result):
             known = f"it has no log; trials with one: {', '.join(map(str, logged[:20]))}"
         raise ResultError(f"{folder}: trial {trial} cannot be shown: {known}")
