@@ -345,8 +345,7 @@ from vsr2.diagnosis.how_far.held_out import HELD_OUT
 from vsr2.ensemble.noise_floor import NOISE_FLOOR
 from vsr2.posterior.network import NETWORK
 from vsr2.ensemble.simulated.look import LOOK
-from vsr2.effects import library
-# A rough diagnosis will do: what is tested is the way from pack to scores.
+# A rough diagnosis will do.
 for constants, changes in (
     (SCHEDULE, {{"fewest": 40}}), (LOOK, {{"plain": 16, "trials": 12}}),
     (NETWORK, {{"hidden": (24, 16), "passes": 20, "batch": 256}}), (HELD_OUT, {{"members": 6}}),
@@ -355,17 +354,15 @@ for constants, changes in (
     for name, value in changes.items():
         object.__setattr__(constants, name, value)
 def rough(*given, hypotheses, **how):
-    offered = {{name: library()[name] for name in {names!r}}}
-    left_out = tuple(name for name in hypotheses.exclude if name in offered)
-    few = replace(hypotheses, library=offered, exclude=left_out)
-    return diagnose(*given, hypotheses=few, **how)
+    offered = {{name: vsr2.effects.library()[name] for name in {names!r}}}
+    out = tuple({{*hypotheses.exclude}} & {{*offered}})
+    return diagnose(*given, hypotheses=replace(hypotheses, library=offered, exclude=out), **how)
 vsr2.diagnosis.diagnose = rough
 made = diagnose_pack(Path({data!r}), Path({out!r}), tiers=["M", "T"], budget=Budget(campaigns=40))
 print(json.dumps({{"done": made.done, "failed": made.failed, "looked": looked}}))
 """
 
-EFFECTS = ("edge_rounding", "com_offset", "vertical_motion")
-"""None is declared alike to what another is declared alike to."""
+EFFECTS = ("edge_rounding", "com_offset", "vertical_motion")  # No effect goes with two of them.
 
 
 def watched(key, pack, out, *prefix):
