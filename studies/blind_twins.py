@@ -2,13 +2,14 @@
 
     python studies/blind_twins.py RESULTS DATA VERDICTS [--tier TIER ...] [--out FOLDER]
 
-A pack withholds the class of an unknown cause by its own classes; effects that the library declares
-alike to it may stay, and one of these may get the name. This diagnoses the unknown campaigns again
-with them withheld, too: what nobody can tell from a cause is as unknown as the cause. RESULTS is
-what `blind_check.py --score` wrote, DATA the pack, VERDICTS its diagnoses, whose simulations serve.
-Prints, by tier and engine, what the verdicts on unknown causes come to, as scored and again, and
-the AUROC by which their probability of a cause outside exceeds that of the other campaigns of the
-engine, all of them and those from two detection limits.
+Packs of the fourteenth round and before withhold the class of an unknown cause by their own
+classes; effects that the library declares alike to it may stay, and one of these may get the name.
+This diagnoses the unknown campaigns again with them withheld, too: what nobody can tell from a
+cause is as unknown as the cause. RESULTS is what `blind_check.py --score` wrote, DATA the pack,
+VERDICTS its diagnoses, whose simulations serve. Prints, by tier and engine, what the verdicts on
+unknown causes come to, as scored and again, and the AUROC by which their probability of a cause
+outside exceeds that of the other campaigns of the engine, all of them and those from two detection
+limits.
 """
 
 from __future__ import annotations
@@ -38,20 +39,17 @@ from vsr2.diagnosis import Budget
 from vsr2.effects import library
 from vsr2.ensemble.protocol_cache import SIMULATIONS
 from vsr2.ensemble.simulated.library import UNKNOWN
-from vsr2.posterior.sets import are_alike
+from vsr2.posterior.sets import with_alike
 from vsr2.report.text import markdown_table
-
-
-def with_twins(names: Sequence[str]) -> list[str]:
-    """Effects, and all that the library declares alike to one of them."""
-    known = library()
-    alike = {o for name in names for o in known if are_alike(known[name], known[o])}
-    return sorted({*names, *alike})
 
 
 def diagnosed_again(cases: Sequence[Case], data: Path, verdicts: Path, out: Path) -> list[Case]:
     """Unknown campaigns, diagnosed without the twins of their causes."""
-    own = {case.id: with_twins(case.exclude) for case in cases if case.kind == Kind.UNKNOWN}
+    own = {
+        case.id: sorted(with_alike(case.exclude, library()))
+        for case in cases
+        if case.kind == Kind.UNKNOWN
+    }
     copied, found = out / "data", out / "verdicts"
     if not copied.exists():
         shutil.copytree(data.resolve(), copied, copy_function=os.symlink)

@@ -7,9 +7,14 @@ import pkgutil
 import re
 from pathlib import Path
 
+import numpy as np
+
 import vsr2
 from vsr2.diagnosis import Diagnosis
+from vsr2.hazard import HazardCurve
+from vsr2.motion import Record, ResponseSpectrum
 from vsr2.one_line import OneLine, counted
+from vsr2.scene.body import MassProperties
 
 
 def below(kind: type) -> set[type]:
@@ -34,6 +39,25 @@ def test_no_dataclass_writes_a_repr_of_its_own() -> None:
 def test_a_diagnosis_is_one_line() -> None:
     content = {"verdict": {"kind": "effect", "effects": ["catch"]}, "where": ["x"] * 1000}
     assert repr(Diagnosis(content)) == "<Diagnosis: kind='effect', effects=['catch']>"
+
+
+def test_values_of_arrays_are_one_line_too() -> None:
+    period = np.array([0.1, 2.0])
+    shown = {
+        ResponseSpectrum(period, 0.1 * period, 0.05): "periods=2, from_s=0.1, to_s=2, damping=0.05",
+        HazardCurve(
+            "pga_g", period, 0.01 / period
+        ): "measure='pga_g', levels=2, lowest=0.1, highest=2",
+        Record("r", 0.01, acceleration=np.zeros(16)): (
+            "name='r', channels=['acceleration'], samples=16, sample_interval_s=0.01"
+        ),
+        MassProperties(2.0, np.zeros(3), np.ones(3), np.eye(3)): (
+            "mass_kg=2, mass_center_m=[0.0, 0.0, 0.0], principal_inertia_kg_m2=[1.0, 1.0, 1.0]"
+        ),
+    }
+    for value, line in shown.items():
+        assert repr(value) == f"<{type(value).__name__}: {line}>"
+        assert value._repr_html_().startswith(f"<b>{type(value).__name__}</b>: ")
 
 
 def test_a_count_agrees_with_its_noun_in_every_line_of_the_log() -> None:

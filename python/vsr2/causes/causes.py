@@ -102,7 +102,7 @@ class Causes(OneLine):
 
     @property
     def facts(self) -> Mapping[str, object]:
-        """What the notation in one line shows: and likely causes."""
+        """What the notation in one line shows."""
         likely = {
             name: round(acts, 2)
             for name, acts in self.acting.items()

@@ -124,6 +124,12 @@ def are_alike(one: Effect, other: Effect) -> bool:
     return other.name in one.confounded_with or one.name in other.confounded_with
 
 
+def with_alike(names: Collection[str], library: Library) -> set[str]:
+    """Effects, and all that the library declares alike to one of them; others stay as they are."""
+    known = [library[name] for name in names if name in library]
+    return {*names, *(o for o, other in library.items() if any(are_alike(k, other) for k in known))}
+
+
 def declared_alike(library: Library) -> NDArray[np.bool_]:
     """Which effects are declared alike, shape (effects, effects)."""
     effects = library.values()

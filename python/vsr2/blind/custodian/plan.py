@@ -16,7 +16,7 @@ from vsr2.blind.mujoco import Drawable
 from vsr2.effects import library
 from vsr2.errors import BlindError
 from vsr2.one_line import counted
-from vsr2.posterior.sets import are_alike
+from vsr2.posterior.sets import with_alike
 
 
 @dataclass(frozen=True)
@@ -127,16 +127,19 @@ def left_out_with(members: Sequence[str], settings: PackSettings) -> tuple[str, 
         members: of the class.
         settings: of the pack.
     """
-    known = library()
-    declared = [known[name] for name in members if name in known]
-    alike = {o for o, other in known.items() if any(are_alike(one, other) for one in declared)}
-    return tuple(sorted({m for one in {*members, *alike} for m in settings.class_of(one)}))
+    alike = with_alike(members, library())
+    return tuple(sorted({name for one in alike for name in settings.class_of(one)}))
 
 
 def apart(classes: Iterable[tuple[str, ...]], settings: PackSettings) -> list[tuple[str, ...]]:
     """Classes, in their order, for which no effect is left out that is left out for one before.
 
-    So of three classes one can be left out of every campaign with two effects that lacks neither.
+    An effect is left out for one of them at most. So of three one is left that can be left out of a
+    campaign with two effects, of two one for a campaign with one.
+
+    Args:
+        classes: that might be left out.
+        settings: of the pack.
     """
     out: list[tuple[str, ...]] = []
     taken: set[str] = set()
