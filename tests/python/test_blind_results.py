@@ -25,7 +25,6 @@ from blind_results import (
 )
 from blind_samples import hand_made
 from blind_targets import outcomes_table, targets_table
-from blind_twins import with_twins
 from scored_campaigns import CAMPAIGNS, VERDICTS
 from vsr2.blind import score_pack
 from vsr2.blind.form.diagnosis_form import ReportedEstimate
@@ -191,10 +190,3 @@ def test_the_study_prints_both_tables() -> None:
     printed = subprocess.run(command, capture_output=True, text=True, check=True).stdout
     cases = [case for part in read_parts(folder) for case in part]
     assert printed == f"{targets_table(cases)}\n\n{outcomes_table(cases)}\n"
-
-
-def test_twins_are_what_the_library_declares_alike() -> None:
-    found = with_twins(["table_resonance"])
-    assert found == ["table_pitch", "table_resonance"]
-    assert set(with_twins(["slenderness"])) >= {"edge_rounding", "slenderness", "table_gain"}
-    assert with_twins([]) == []

@@ -8,11 +8,12 @@ import numpy as np
 import pytest
 
 from diagnosis_samples import campaigns_of
+from vsr2.effects import library
 from vsr2.ensemble.simulated.campaigns import Acting
 from vsr2.ensemble.simulated.linear_algebra import ridge
 from vsr2.posterior.discrepancy import DISCREPANCY, disturbed
 from vsr2.posterior.network import NETWORK, Network, SetOutputs, _logits, log_score, train_network
-from vsr2.posterior.sets import Sets
+from vsr2.posterior.sets import Sets, with_alike
 from vsr2.posterior.summaries import SUMMARY, Standard, fit_summaries, targets
 
 SETS = Sets(("a", "b", "c", "d"))
@@ -388,3 +389,10 @@ def test_what_turns_loses_its_features_and_what_was_unknown_stays_so() -> None:
     np.testing.assert_array_equal(
         np.isfinite(noted[..., 0]), ~turned & (overturned == 0) & (np.arange(200) != 3)
     )
+
+
+def test_effects_are_joined_by_what_the_library_declares_alike() -> None:
+    assert with_alike(["table_resonance"], library()) == {"table_pitch", "table_resonance"}
+    alike = with_alike(["slenderness", "a stranger"], library())
+    assert alike >= {"a stranger", "edge_rounding", "slenderness", "table_gain"}
+    assert with_alike([], library()) == set()
