@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
+import vsr2.posterior.calibration as calibration
 from diagnosis_samples import NAMES, linear, linear_rehearsal, quick_training
 from planar.planar_library import PLANAR_LIBRARY
 from vsr2.ensemble.observed.observations import Observations
@@ -18,6 +19,7 @@ from vsr2.posterior.calibration import (
     CALIBRATED,
     JudgedCampaigns,
     _before_true,
+    _naming_limits,
     _set_level,
     best_temperature,
     calibrate,
@@ -27,7 +29,7 @@ from vsr2.posterior.calibration import (
 )
 from vsr2.posterior.discrepancy import DISCREPANCY, disturbed
 from vsr2.posterior.files import load_posterior, posterior_file, save_posterior
-from vsr2.posterior.naming import NAMING, NamingLimits, candidates, decide, is_wrong
+from vsr2.posterior.naming import NAMING, Candidates, NamingLimits, candidates, decide, is_wrong
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.training import train
 from vsr2.posterior.truth import PRIOR, Truth
@@ -128,7 +130,7 @@ def test_the_mean_of_networks_is_calibrated_and_not_each_of_them() -> None:
     assert best_temperature(Tabled(eight[:1]), MANY) > 1.2
 
 
-def test_limits_name_the_most_causes_rightly_while_names_are_wrong_as_seldom_as_they_must() -> None:
+def test_names_gain_most_less_what_wrong_ones_cost() -> None:
     logs = exact_logs(MANY, 1.0, 2)
     levels = levels_of(logs)
     acting = MANY.acting.any(axis=1)
@@ -151,32 +153,57 @@ def test_limits_name_the_most_causes_rightly_while_names_are_wrong_as_seldom_as_
         alarms = np.mean([str(said[i].kind) != "none" for i in plain])
         assert alarms <= CALIBRATED.false_alarms + 1 / plain.size
         pair = np.array([str(s.kind) == "pair" for s in said])
-        right = np.array([(not bad) * len(s.findings) for s, bad in zip(said, wrong, strict=True)])
+        right = np.array(
+            [
+                sum(bool(set(f) & set(own)) for f in s.findings)
+                for s, own in zip(said, owners, strict=True)
+            ]
+        )
+        cost = np.where(pair, CALIBRATED.wrong_beside, CALIBRATED.wrong)
+        gain = right - cost * (np.where(pair, 2, 1) - right)
         return (
             weight[wrong].sum() / weight[named].sum(),
             weight[named].sum() / weight.sum(),
-            (weight * named * right).sum(),
-            weight[wrong & pair].sum() <= CALIBRATED.wrong_together * weight[pair].sum(),
+            (weight * named * gain).sum(),
         )
 
-    wrong, named, right, _ = shares(levels.least_name, levels.least_together)
+    wrong, named, gain = shares(levels.least_name, levels.least_together)
     assert (wrong, named) == pytest.approx((levels.wrong, levels.named))
-    assert wrong <= CALIBRATED.wrong
     others = [
-        shares(one, together)
+        shares(one, together)[2]
         for one in CALIBRATED.one[::7]
         for together in CALIBRATED.together[::9]
     ]
-    assert any(share > CALIBRATED.wrong for share, *_ in others), "no limit is too low"
-    allowed = [own for share, _, own, kept in others if share <= CALIBRATED.wrong and kept]
-    assert right >= max(allowed) - 1e-9
-    # Of limits that name as many causes rightly the strictest are chosen.
+    assert gain >= max(others) - 1e-9 > min(others) + 0.1 * gain
+    # Of limits that gain as much the strictest are chosen.
     steps = (CALIBRATED.one, levels.least_name), (CALIBRATED.together, levels.least_together)
     for k, (known, own) in enumerate(steps):
         if own < known[-1]:
             stricter = [levels.least_name, levels.least_together]
             stricter[k] = known[known.index(own) + 1]
-            assert shares(*stricter)[2] < right
+            assert shares(*stricter)[2] < gain
+
+
+def test_a_name_needs_the_odds_that_its_cost_asks_for(monkeypatch) -> None:
+    """True probabilities of one cause are named from cost over one and cost (C. K. Chow, 1970)."""
+    rng = np.random.default_rng(4)
+    stated = rng.uniform(0.5, 1.0, 20_000)
+    right = rng.uniform(size=stated.size) < stated
+    found = tuple(Candidates(0.0, 0.0, (), (1,), (p,), (1,)) for p in stated)
+    everything = np.zeros(stated.size, dtype=bool)
+    judged = JudgedCampaigns(
+        np.arange(stated.size), everything, np.ones(stated.size), found, np.zeros((1, 1))
+    )
+    owners = [(1,) if own else (2,) for own in right]
+    for cost in (1.5, 4.0, 9.0):
+        monkeypatch.setattr(calibration, "CALIBRATED", replace(CALIBRATED, wrong=cost))
+        chosen, wrong, named = _naming_limits(
+            judged, owners, np.ones(stated.size), np.eye(3, dtype=bool), 0.5
+        )
+        threshold = cost / (1 + cost)
+        assert chosen.one == pytest.approx(threshold, abs=0.04)
+        assert wrong == pytest.approx((1 - threshold) / 2, abs=0.02)
+        assert named == pytest.approx(2 * (1 - threshold), abs=0.08)
 
 
 def test_levels_are_set_on_verdicts_that_see_the_fit() -> None:
@@ -185,7 +212,6 @@ def test_levels_are_set_on_verdicts_that_see_the_fit() -> None:
     misfitting = np.where(MANY.acting.any(axis=1), 1e-3, 1.0)
     free, held = levels_of(logs), levels_of(logs, misfitting)
     assert held.none_limit == free.none_limit
-    assert held.wrong <= CALIBRATED.wrong
     assert (held.named, held.least_name) != (free.named, free.least_name)
 
 

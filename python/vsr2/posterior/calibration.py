@@ -34,19 +34,20 @@ class PosteriorCalibrationConstants:
 
     Attributes:
         false_alarms: share of gap-free campaigns of which none is not said.
-        wrong: share of names that may be wrong.
-        wrong_together: share of the names of causes that act together that may be.
+        wrong: what a wrong name of one cause costs [causes named rightly].
+        wrong_beside: what each wrong one costs of causes that are named together [causes named
+            rightly].
         coverage: of the sets of hypotheses.
         temperatures: ends of the logarithm of the temperature that is sought.
         one: probabilities that the name of one cause may be asked to have.
         together: those that names of causes which act together may be asked to have. Of all pairs
-            of both that keep `wrong`, the one is used that names the most causes rightly; of
-            equally good ones the strictest.
+            of both the one is used that gains most, less what wrong names cost; of equally good
+            ones the strictest.
     """
 
     false_alarms: float = 0.05
-    wrong: float = 0.10
-    wrong_together: float = 1 / 3
+    wrong: float = 4.0
+    wrong_beside: float = 2.0
     coverage: float = 0.90
     temperatures: tuple[float, float] = (-1.0, 1.5)
     one: tuple[float, ...] = tuple(k / 100 for k in range(50, 100))
@@ -67,7 +68,8 @@ class Levels:
         set_level: probability before a label up to which the 90 % sets hold it, so that nine in ten
             hold a true one, causes outside the library counted.
         known_held: share of the 90 % sets that hold a true label where the library has the cause.
-        wrong, named: shares of held-out campaigns with a gap that are named wrongly, and named.
+        wrong, named: of held-out campaigns the share of names that are wrong, and that of campaigns
+            which get a name.
         detection_rate: share of causes outside the library that are said to be so.
     """
 
@@ -212,7 +214,10 @@ def _naming_limits(
     alike: Bools,
     none_limit: float,
 ) -> tuple[NamingLimits, float, float]:
-    """Limits that name the most causes rightly while few names are wrong: see `CALIBRATED`.
+    """Limits by which names gain most, less what wrong ones cost: see `CALIBRATED`.
+
+    That names are withheld where a wrong one would cost more than a right one gains is due to
+    C. K. Chow, IEEE Trans. Inf. Theory 16, 1970.
 
     Args:
         judged: campaigns that no network saw.
@@ -232,30 +237,35 @@ def _naming_limits(
     ]
 
     def said_by(name: Callable[[Candidates], Naming | None]) -> Array:
-        """Whether a campaign is named, wrongly, and causes named rightly, shape (3, n)."""
+        """Whether a campaign is named, wrongly, and what the name gains, shape (3, n)."""
         out = np.zeros((3, len(found)))
         for k, (one, own) in enumerate(zip(found, owners, strict=True)):
             said = name(one) if open_[k] else None
             if said is not None and said.kind.names_effects:
-                wrong = is_wrong(said, own)
-                out[:, k] = 1.0, wrong, 0.0 if wrong else len(said.findings)
+                out[:, k] = 1.0, is_wrong(said, own), _gain(said, own)
         return out * weight
 
     ones = [said_by(partial(one_cause, least=least, alike=alike)) for least in CALIBRATED.one]
-    best, chosen = (False, -1.0), (asked, 0.0, 0.0)
+    best, chosen = -np.inf, (asked, 0.0, 0.0)
     for together in reversed(CALIBRATED.together):
         several = said_by(partial(several_causes, least=together))
-        kept = several[1].sum() <= CALIBRATED.wrong_together * several[0].sum()
         left = several[0] == 0
         for one, of_one in zip(reversed(CALIBRATED.one), reversed(ones), strict=True):
-            named, wrong, right = several.sum(axis=1) + of_one[:, left].sum(axis=1)
-            share = float(wrong / max(named, 1e-9))
+            named, wrong, gain = several.sum(axis=1) + of_one[:, left].sum(axis=1)
             # Rounded, so that equal sums of other order are equal.
-            own = (kept and share <= CALIBRATED.wrong, round(float(right), 9))
-            if best[1] < 0 or (own[0] and own > best):
+            own = round(float(gain), 9)
+            if own > best:
+                share = float(wrong / max(named, 1e-9))
                 limits = NamingLimits(none_limit, one, together)
                 best, chosen = own, (limits, share, float(named / weight.sum()))
     return chosen
+
+
+def _gain(said: Naming, acting: tuple[int, ...]) -> float:
+    """Causes that are named rightly, less what wrong ones cost."""
+    cost = CALIBRATED.wrong_beside if said.kind.names_several else CALIBRATED.wrong
+    wrong = sum(not set(finding) & set(acting) for finding in said.findings)
+    return len(said.findings) - wrong - cost * wrong
 
 
 def label_probability(probability: Array, sets: Sets) -> Array:

@@ -19,7 +19,7 @@ from vsr2.effects import effect as effect_of
 from vsr2.ensemble.observed.observations import Observations
 from vsr2.ensemble.simulated.library import Library, free_parameters
 from vsr2.errors import Fault
-from vsr2.posterior.calibration import CALIBRATED, Levels
+from vsr2.posterior.calibration import Levels
 from vsr2.posterior.sets import are_alike
 from vsr2.posterior.training import Found, Posterior
 from vsr2.posterior.truth import PRIOR
@@ -34,6 +34,7 @@ class LimitConstants:
         few_motions: fewer are called few.
         few_responding: trials that lift off; fewer are called few.
         few_campaigns: simulated ones for each effect; fewer are called few.
+        often_wrong: share of wrong names.
         low_detection_rate: of causes outside the library.
         all_of_prior: share of a prior's range beyond which an interval determines no size.
         scatter: standard deviations by which repeats must differ more than expected.
@@ -45,6 +46,7 @@ class LimitConstants:
     few_motions: int = 10
     few_responding: int = 20
     few_campaigns: int = 60
+    often_wrong: float = 0.1
     low_detection_rate: float = 0.5
     all_of_prior: float = 0.85
     scatter: float = 3.0
@@ -241,9 +243,12 @@ def _one_outcome(seen: Observations) -> Iterator[Statement]:
 def limits_of_names(levels: Levels) -> Iterator[Statement]:
     """What limits any name, causes outside the library counted."""
     rate = levels.detection_rate
-    if not levels.named or levels.wrong > CALIBRATED.wrong:
-        yield Statement.of(LimitCode.FEW_NAMES, least=levels.least_name)
-    elif rate <= 0:
+    if not levels.named:
+        yield Statement.of(LimitCode.NO_NAMES)
+        return
+    if levels.wrong > LIMITS.often_wrong:
+        yield Statement.of(LimitCode.OFTEN_WRONG, share=levels.wrong)
+    if rate <= 0:
         yield Statement.of(LimitCode.NO_DETECTION_RATE)
     elif rate < LIMITS.low_detection_rate:
         yield Statement.of(LimitCode.LOW_DETECTION_RATE, rate=rate)

@@ -79,7 +79,8 @@ class LimitCode(Code):
     SERIES_UNUSED = "series_unused", {"count": int, "of": int}
     ALL_OVERTURNED = "all_overturned"
     ALL_STOOD = "all_stood"
-    FEW_NAMES = "few_names", {"least": float}
+    NO_NAMES = "no_names"
+    OFTEN_WRONG = "often_wrong", {"share": float}
     LOW_DETECTION_RATE = "low_detection_rate", {"rate": float}
     NO_DETECTION_RATE = "no_detection_rate"
     INTERLEAVED_SESSIONS = "interleaved_sessions"
