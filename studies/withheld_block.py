@@ -17,8 +17,9 @@ that the library has: shares that are said to be unknown, named, and named wrong
 
 A second table says what a name of one cause would cost at each level that its probability may be
 asked to have: the share of all names that would be wrong, kinds counted by the prior, the share
-whose cause lies outside, and the share of strong single effects that would be named rightly. Its
-last column is the AUROC of outside among campaigns with a gap alone.
+whose cause lies outside, the share of strong single effects that would be named rightly, and what
+names gain of a campaign, less what wrong ones cost. Its last column is the AUROC of outside among
+campaigns with a gap alone.
 """
 
 from __future__ import annotations
@@ -41,7 +42,7 @@ from vsr2.blind.form.seal import read_pack
 from vsr2.campaign import TIERS
 from vsr2.diagnosis import Budget
 from vsr2.ensemble.protocol_cache import SIMULATIONS
-from vsr2.posterior.calibration import JudgedCampaigns, Levels, calibrate
+from vsr2.posterior.calibration import CALIBRATED, JudgedCampaigns, Levels, calibrate
 from vsr2.posterior.naming import Naming, NamingLimits, VerdictKind, decide, is_wrong
 from vsr2.posterior.training import Posterior, train
 from vsr2.posterior.truth import Truth
@@ -50,7 +51,7 @@ from vsr2.results.atomic import csv_text, write_text
 Array = NDArray[np.float64]
 STRONG = 2.0
 """Size from which an effect is strong [detection limits]."""
-LEVELS = (0.5, 0.6, 0.7, 0.8, 0.9, 0.95)
+LEVELS = (0.5, 0.6, 0.65, 0.7, 0.75, 0.8, 0.85, 0.9)
 """Probabilities that a name of one cause may be asked to have."""
 
 
@@ -158,6 +159,8 @@ def level_rows(tier: str, judging: Judging) -> list[dict[str, Any]]:
                 "wrong": float(judged.weight[named & wrong].sum()) / total,
                 "outside": float(judged.weight[named & judged.unknown].sum()) / total,
                 "strong_named_rightly": float((named & ~wrong)[strong].mean()),
+                "gain": float(judged.weight @ (named - (1 + CALIBRATED.wrong) * wrong))
+                / float(judged.weight.sum()),
                 "auroc_of_gaps": auroc,
             }
         )
