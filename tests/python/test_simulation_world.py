@@ -123,6 +123,8 @@ def test_values_of_another_type_are_refused_with_a_remedy() -> None:
     for steps in ("a", 1.5, 0, True):
         with pytest.raises(SimulationError, match="whole number of 1 or more"):
             simulation.step(0.0, steps=steps)
+    with pytest.raises(SimulationError, match="did you mean `vertical`"):
+        simulation.step(0.0, vertcal=0.1)
     simulation.step(np.float32(0.001), steps=np.int64(2))
     assert simulation.time == pytest.approx(0.002)
     nothing: Any

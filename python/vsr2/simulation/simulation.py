@@ -256,6 +256,7 @@ class Simulation(OneLine):
     def __exit__(self, *exception: object) -> None:
         self._held = None
 
+    @checked_names(SimulationError)
     def step(
         self,
         position: float,
@@ -277,8 +278,8 @@ class Simulation(OneLine):
             steps: number of time steps.
 
         Raises:
-            SimulationError: a set-point that is not a finite number, one that the drive does not
-                follow, or fewer than 1 step.
+            SimulationError: an unknown argument, a set-point that is not a finite number, one that
+                the drive does not follow, or fewer than 1 step.
         """
         world, given = self._world, (position, velocity, transverse, vertical, pitch)
         if not all(
