@@ -116,9 +116,9 @@ def test_a_campaign_without_gap_says_none(protocol) -> None:
 def test_a_reference_says_how_little_none_may_have_without_an_effect(protocol) -> None:
     alone = protocol.diagnose(CATCH, budget=Budget(campaigns=CAMPAIGNS, held_out=False)).content
     assert alone["verdict"]["effects"]
-    limit, none = alone["posterior"]["none_limit"], alone["none_probability"]
+    limit = alone["posterior"]["none_limit"]
     clean = protocol.observed(nuisance=11)
-    same = replace(protocol.observed(CATCH, nuisance=2), name="same")
+    other = replace(protocol.observed(CATCH, nuisance=5), name="other")
 
     def with_references(*references):
         return protocol.diagnose(
@@ -137,12 +137,12 @@ def test_a_reference_says_how_little_none_may_have_without_an_effect(protocol) -
     lacking = protocol.diagnose(CATCH, references=(clean,), **few).content
     own = protocol.diagnose(nuisance=11, **few).content["none_probability"]
     assert lacking["provenance"]["references"][0]["none"] == own != one["none"]
-    # The campaign itself, were it known to have no effect, forbids to call a gap.
-    reported = with_references(clean, same)
-    assert reported["verdict"]["kind"] == "none"
+    # Were one with the effect known to have none, none would not be less probable without it.
+    reported = with_references(clean, other)
+    none = reported["provenance"]["references"][1]["none"]
     assert reported["posterior"]["none_limit"] == none < limit
     (said,) = [one for one in reported["limits"] if one["code"] == "reference_differs"]
-    assert said["values"] == {"reference": "same", "probability": none}
+    assert said["values"] == {"reference": "other", "probability": none}
 
 
 def test_a_reference_of_other_trials_is_refused(protocol) -> None:
@@ -155,6 +155,8 @@ def test_a_reference_of_other_trials_is_refused(protocol) -> None:
     for reference in (fewer, stronger):
         with pytest.raises(DiagnosisError, match="references of the same trials in the same order"):
             protocol.diagnose(CATCH, references=(reference,))
+    with pytest.raises(DiagnosisError, match="would be `none` by itself; give another campaign"):
+        protocol.diagnose(CATCH, references=(protocol.observed(CATCH, nuisance=2),))
 
 
 def test_a_scene_in_which_nothing_lifts_off_is_refused(protocol) -> None:

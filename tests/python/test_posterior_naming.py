@@ -78,13 +78,14 @@ def test_sets_of_a_part_are_found_among_those_of_the_library() -> None:
         assert place[k] == SETS.index(names)
 
 
-def test_effects_are_one_class_where_those_among_them_are_linked() -> None:
+def test_a_class_is_an_effect_and_what_is_declared_alike_to_it() -> None:
     alike = DISTINCT.copy()
     for i, j in ((0, 1), (1, 2)):
         alike[i, j] = alike[j, i] = True
-    assert classes([0, 1, 2], alike) == 1
+    assert classes([1, 0, 2], alike) == 1
+    assert classes([0, 1, 2], alike) == 2, "twins of a twin are another class"
     assert classes([0, 2], alike) == 2
-    assert classes([2, 3, 1, 0], alike) == 2
+    assert classes([2, 3, 1, 0], alike) == 3
     assert classes([], alike) == 0
     library = full_library()
     declared = declared_alike(library)

@@ -88,7 +88,7 @@ def diagnose(
         provenance={
             **execution.notes,
             "scene": study.name,
-            "outcomes": outcomes_hash(seen.overturned),
+            "outcomes": outcomes_hash(seen.overturned, seen.features),
             "scene_effects": study.effects,
             "left_out": len(given) - len(seen),
             "unavailable": {
@@ -125,7 +125,7 @@ def _own_folder(folder: Path, simulator: SceneSimulator, seen: Observations) -> 
     file = made_folder(folder) / FILE
     for key, value in (
         ("simulator", simulator.identity),
-        ("outcomes", outcomes_hash(seen.overturned)),
+        ("outcomes", outcomes_hash(seen.overturned, seen.features)),
     ):
         refuse_other_work(file, ("provenance", key), value, "a diagnosis")
     return folder

@@ -24,7 +24,12 @@ from vsr2.diagnosis.verdict.statements import BudgetState
 from vsr2.diagnosis.where.locations import where_it_lies
 from vsr2.ensemble.execution import Progress, Report, Stage
 from vsr2.ensemble.noise_floor import noise_floor
-from vsr2.ensemble.observed.observations import Observations, observe_campaign, same_trials
+from vsr2.ensemble.observed.observations import (
+    Observations,
+    observe_campaign,
+    outcomes_hash,
+    same_trials,
+)
 from vsr2.ensemble.protocol_cache import ProtocolCache
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.campaigns import (
@@ -215,7 +220,8 @@ def _reference(campaign: Campaign, seen: Observations) -> Observations:
     """A reference as the observed campaign is seen.
 
     Raises:
-        DiagnosisError: it has other trials, or does not reach the tier.
+        DiagnosisError: it has other trials, the observed campaign's results, or does not reach the
+            tier.
     """
     out = observe_campaign(campaign, seen.tier)
     if not same_trials(out, seen):
@@ -223,6 +229,12 @@ def _reference(campaign: Campaign, seen: Observations) -> Observations:
             f"reference {campaign.name!r}: its trials differ from those of campaign "
             f"{seen.campaign.name!r} in number, motion, PGA or PGV; give references of the same "
             "trials in the same order"
+        )
+    if outcomes_hash(out.overturned, out.features) == outcomes_hash(seen.overturned, seen.features):
+        raise DiagnosisError(
+            f"reference {campaign.name!r}: its results are those of campaign "
+            f"{seen.campaign.name!r}, which would be `none` by itself; give another campaign, one "
+            "that is known to have no effect"
         )
     return out
 

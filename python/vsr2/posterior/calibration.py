@@ -11,6 +11,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from vsr2.posterior.naming import (
+    NEVER,
     Candidates,
     Naming,
     NamingLimits,
@@ -246,7 +247,7 @@ def _naming_limits(
         return out * weight
 
     ones = [said_by(partial(one_cause, least=least, alike=alike)) for least in CALIBRATED.one]
-    best, chosen = -np.inf, (asked, 0.0, 0.0)
+    best, chosen = 0.0, (NamingLimits(none_limit, NEVER, NEVER), 0.0, 0.0)
     for together in reversed(CALIBRATED.together):
         several = said_by(partial(several_causes, least=together))
         left = several[0] == 0
@@ -300,15 +301,17 @@ def _set_level(before: Array, weight: Array) -> float:
     """Probability down to which sets of labels must reach to hold nine of ten truths.
 
     Conformal (Y. Romano, M. Sesia, E. Candes, "Classification with valid and adaptive coverage",
-    2020; there the true label counts in part, by chance).
+    2020; there the true label counts in part, by chance). The campaign that is asked about counts
+    as one more, whose truth no set holds.
 
     Args:
         before: of held-out campaigns, probability held by the labels before a true one, shape (n,).
         weight: of each campaign, shape (n,).
     """
     sequence = np.argsort(before)
-    total = np.cumsum(weight[sequence]) / weight.sum()
-    return float(before[sequence][np.searchsorted(total, CALIBRATED.coverage)])
+    total = np.cumsum(weight[sequence]) / (weight.sum() + weight.mean())
+    last = np.searchsorted(total, CALIBRATED.coverage)
+    return float(before[sequence][last]) if last < total.size else 1.0
 
 
 def label_set(probability: Array, sets: Sets, level: float) -> tuple[int, ...]:

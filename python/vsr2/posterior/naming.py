@@ -56,6 +56,8 @@ class NamingConstants:
 
 
 NAMING = NamingConstants()
+NEVER = 1.0
+"""A probability that no name exceeds."""
 Findings = tuple[tuple[int, ...], ...]
 """Causes that act together: of each the effects, one of which acts."""
 
@@ -201,7 +203,7 @@ class NamingLimits:
 
     Attributes:
         none: probability of none below which there is a gap.
-        one: probability, given a gap, that the name of one cause must have.
+        one: probability, given a gap, that the name of one cause must exceed.
         together: that of the names of causes that act together.
     """
 
@@ -237,19 +239,20 @@ def decide(
 
 
 def several_causes(found: Candidates, least: float) -> Naming | None:
-    """The most causes that act together with a probability, given a gap; None: there are none.
+    """The most causes that act together with a greater probability, given a gap; None: none do.
 
     Each is an effect, or effects that are declared alike.
     """
     for findings, probability in found.together:
-        if probability >= least:
+        probability = min(probability, 1.0)
+        if probability > least:
             kind = VerdictKind.PAIR if len(findings) == 2 else VerdictKind.SEVERAL
-            return Naming(kind, findings, min(probability, 1.0), len(findings))
+            return Naming(kind, findings, probability, len(findings))
     return None
 
 
 def one_cause(found: Candidates, least: float, alike: NDArray[np.bool_]) -> Naming:
-    """The smallest set of effects of which one acts with a probability, given a gap.
+    """The smallest set of effects of which one acts with a greater probability, given a gap.
 
     Where the next effect is declared alike to the first, both are named. Unresolved: it takes more
     than `NAMING.classes` classes.
@@ -259,7 +262,7 @@ def one_cause(found: Candidates, least: float, alike: NDArray[np.bool_]) -> Nami
         least: that probability.
         alike: effects declared alike, shape (effects, effects).
     """
-    reached = [k for k, covered in enumerate(found.covered) if covered >= least]
+    reached = [k for k, covered in enumerate(found.covered) if covered > least]
     if not reached or found.classes[reached[0]] > NAMING.classes:
         count = sum(c <= NAMING.classes for c in found.classes)
         kind = VerdictKind.UNRESOLVED

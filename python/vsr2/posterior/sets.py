@@ -139,13 +139,12 @@ def declared_alike(library: Library) -> NDArray[np.bool_]:
 
 
 def classes(effects: Sequence[int], alike: NDArray[np.bool_]) -> int:
-    """Number of classes that some effects make, alike ones among them being one class."""
-    count, left = 0, set(effects)
-    while left:
-        count += 1
-        reached = {left.pop()}
-        while reached:
-            found = {e for e in left if any(alike[e, r] for r in reached)}
-            left -= found
-            reached = found
-    return count
+    """Number of classes: each an effect, and later ones that are declared alike to it.
+
+    Twins of a twin are another class, or chains of them would make one of half the library.
+    """
+    leaders: list[int] = []
+    for effect in effects:
+        if not any(alike[effect, leader] for leader in leaders):
+            leaders.append(effect)
+    return len(leaders)

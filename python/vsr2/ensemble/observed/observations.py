@@ -165,13 +165,17 @@ def same_trials(one: Observations, other: Observations) -> bool:
     return not np.any(far)
 
 
-def outcomes_hash(overturned: Array) -> str:
+def outcomes_hash(overturned: Array, features: Array | None = None) -> str:
     """Of what the trials came to, by which campaigns of one schedule differ.
 
     Args:
         overturned: 1, 0 or NaN, shape (trials,).
+        features: that the tier has, shape (trials, features); None: outcomes alone.
     """
-    return hashlib.blake2b(overturned.tobytes(), digest_size=8).hexdigest()
+    digest = hashlib.blake2b(overturned.tobytes(), digest_size=8)
+    if features is not None:
+        digest.update(np.ascontiguousarray(features).tobytes())
+    return digest.hexdigest()
 
 
 def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observations:

@@ -26,6 +26,11 @@ Side = int
 """Of an effect's null: -1 below, 1 above."""
 
 
+def content_of(library: Library) -> str:
+    """All of a library that a diagnosis depends on: names, parameters with priors, twins, code."""
+    return repr([(e.name, e.parameters, e.confounded_with, e.code) for e in library.values()])
+
+
 def free_parameters(effect: Effect) -> tuple[Parameter, ...]:
     """Those that the prior leaves open."""
     return tuple(p for p in effect.parameters if p.prior != "fixed" and p.lower < p.upper)

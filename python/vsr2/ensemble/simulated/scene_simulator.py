@@ -26,6 +26,7 @@ from vsr2.ensemble.observed.features import (
 )
 from vsr2.ensemble.observed.observations import series_sampling
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
+from vsr2.ensemble.simulated.library import content_of
 from vsr2.ensemble.simulated.nuisance_draws import Caused, NuisanceDraws
 from vsr2.ensemble.simulated.scene_effects import SceneEffects
 from vsr2.ensemble.simulated.simulator import (
@@ -171,6 +172,7 @@ class SceneSimulator:
                 study.outcome.model_dump_json(),
                 study.motion.drive,
                 self._own_effects.content,
+                content_of(self.library),
             )
         )
         return hashlib.sha256(content.encode()).hexdigest()
