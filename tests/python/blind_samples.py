@@ -29,6 +29,18 @@ def strength_of(name):
     return known.parameters[0].name if known else "change"
 
 
+def null_of(name):
+    """Value of an effect's strength without effect; an impact's energy relative to Housner's."""
+    known = library().get(name)
+    null = known.parameters[0].null if known else 0.0
+    return 1.0 if np.isnan(null) else null
+
+
+def moved(name, values):
+    """How far an effect's strength is from its null."""
+    return values[strength_of(name)] - null_of(name)
+
+
 class QuickEngine:
     """Answers at once: tilt grows with the motion's peak acceleration, as effects scale it."""
 
@@ -38,7 +50,13 @@ class QuickEngine:
     effects = {  # noqa: RUF012
         name: Drawable(
             name,
-            Parameter(strength_of(name), "1", 0.0, -0.3 if signed else 0.0, 0.3),
+            Parameter(
+                strength_of(name),
+                "1",
+                null_of(name),
+                null_of(name) - 0.3 * signed,
+                null_of(name) + 0.3,
+            ),
             (),
             drifts,
         )
@@ -63,7 +81,7 @@ class QuickEngine:
             level = peak / 6.0 * n.height / n.width * (1 + 0.1 * shake.yaw)
             for i, (name, values) in enumerate(sorted(shake.effects.items())):
                 part = shake.context.order if name == "wear" else 1.0
-                level *= 1 + part * values[strength_of(name)] * (1 + 0.1 * i)
+                level *= 1 + part * moved(name, values) * (1 + 0.1 * i)
             tilt = min(1.25, 0.05 * level**3)
             time = np.arange(0.0, 1.0, series_interval)
             yield Response(
@@ -95,9 +113,10 @@ def diagnosis(kind, probabilities, effects=(), conformal=(), **more):
     }
 
 
-def effect(name, value=0.1, relative=3.0, null=0.0, strength=None):
-    """An effect of a key."""
+def effect(name, value=0.1, relative=3.0, null="the library's", strength=None):
+    """An effect of a key; a null of None is infinity."""
     strength = strength or strength_of(name)
+    null = null_of(name) if isinstance(null, str) else null
     return {
         "name": name,
         "values": {strength: value},

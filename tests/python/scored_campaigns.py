@@ -5,21 +5,21 @@ from blind_samples import diagnosis, effect, strength_of
 
 def estimate(name):
     """Of an effect's strength."""
-    return {"parameters": {strength_of(name): {"mean": 0.12, "ci90": [0.08, 0.16], "unit": "1"}}}
+    return {"parameters": {strength_of(name): {"mean": 1.12, "ci90": [1.08, 1.16], "unit": "1"}}}
 
 
 CAMPAIGNS = {
     # right, by its class: slenderness for table_gain
     "a": ("single", [effect("table_gain", 0.1, 3.0)]),
-    # right, magnitude right: |0.12 - 0.16| / 0.16 = 0.25, its interval holds 0.16
-    "b": ("single", [effect("restitution", 0.16, 5.0)]),
+    # right, magnitude right: |1.12 - 1.16| / 0.16 = 0.25, its interval holds 1.16
+    "b": ("single", [effect("restitution", 1.16, 5.0)]),
     # wrong, second in the list
-    "c": ("single", [effect("friction", -0.2, 2.5)]),
+    "c": ("single", [effect("friction", 0.8, 2.5)]),
     # missed: weak
     "d": ("single", [effect("inertia", 0.05, 0.7)]),
     "e": ("none", []),
     "f": ("none", []),
-    "g": ("unknown", [effect("catch")]),
+    "g": ("unknown", [effect("catch", 20.0)]),
     "h": ("unknown", [effect("wear")]),
     "i": ("pair", [effect("wear"), effect("friction")]),
 }

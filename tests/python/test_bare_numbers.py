@@ -43,6 +43,7 @@ UNTUNED: dict[str, set[str]] = {
     "convention": {
         "config/section.py:DEFAULT_TIME_STEP", "coverage/coverage_scores.py:LEVELS",
         "effects/geometry.py:_QUARTERS", "effects/parameter.py:NORMAL_ENDS",
+        "posterior/naming.py:NEVER",
         "hazard/hazard_curve.py:SITE_ROUNDING",
         "effects/underside.py:_COEFFICIENTS", "motion/two_components.py:STEP",
         "motion/spectrum.py:PERIODS", "scene/rotation.py:IDENTITY",
@@ -89,7 +90,7 @@ INSIDE: dict[str, set[str]] = {
         "blind/custodian/detection_limit.py: 31", "blind/custodian/pack_making.py: 31",
         "blind/custodian/pack_making.py: 63",
         "calibration/search.py: 31", "ensemble/simulated/nuisance_draws.py: 63",
-        "ensemble/simulated/nuisances.py: 31", "results/journal.py: 63", "results/store.py: 63",
+        "ensemble/simulated/motion_noise.py: 31", "results/journal.py: 63", "results/store.py: 63",
     },
     "definition or formula": {
         "motion/fusion.py: 20", "motion/measures.py: 0.05", "motion/measures.py: 0.75",

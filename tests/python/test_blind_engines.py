@@ -15,6 +15,8 @@ from vsr2.blind import (
 )
 from vsr2.blind.custodian.engine import Nuisances as DrawnNuisances
 from vsr2.blind.custodian.engine import TrialInput, build_engine
+from vsr2.blind.form.pack_form import Entry
+from vsr2.blind.form.reader import parsed
 from vsr2.blind.form.seal import folder_sha256
 from vsr2.blind.mujoco import ContactModel
 from vsr2.config import Study
@@ -232,3 +234,22 @@ def test_draws_of_the_scene_are_no_draws_of_the_custodian(study) -> None:
         return [dict(trial.effects[0].values)["yaw"] for trial in drawn]
 
     assert yaws(1) == yaws(1) != yaws(2)
+
+
+@pytest.mark.parametrize("name", ["bullet", "mujoco"])
+def test_a_key_may_seal_whatever_an_engine_draws(name, study) -> None:
+    """Both ends of each parameter can be simulated by the library, and nulls are its own."""
+    pytest.importorskip("mujoco", reason="the blind extra installs mujoco")
+    for effect in build_engine(name, study).effects.values():
+        own = effect.strength
+        sealed = {"strength": own.name, "null": own.null if math.isfinite(own.null) else None}
+        for end in ("low", "high"):
+            values = {one.name: getattr(one, end) for one in effect.parameters}
+            if values[own.name] == own.null:
+                continue
+            entry = {
+                "kind": "single", "engine": name, "data_sha256": "0" * 64,
+                "effects": [{"name": effect.name, "values": values, **sealed}],
+                "where": {"axis": "conditions", "weights": []},
+            }  # fmt: skip
+            assert parsed(Entry, entry, "key.json").names == [effect.name]

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from pydantic import TypeAdapter
 
-from blind_samples import SMALL, QuickEngine, make, protocol, pulses, strength_of
+from blind_samples import SMALL, QuickEngine, make, moved, protocol, pulses, strength_of
 from vsr2.blind import PackSettings
 from vsr2.blind.custodian.design import catalogue, draw_protocol
 from vsr2.blind.custodian.detection_limit import (
@@ -171,13 +171,13 @@ def test_what_is_sealed_is_what_was_measured() -> None:
 
     def measure(engine, number, effect, values):
         asked.append((effect.name, number))
-        return values[strength_of(effect.name)] / true.get(effect.name, 0.05)
+        return moved(effect.name, values) / true.get(effect.name, 0.05)
 
     found = plan(measure, single=120, pair=30, unknown=30, protocols=2)
     assert not found.refused
     for campaign in found.campaigns:
         for effect in campaign.effects:
-            expected = effect.values[strength_of(effect.name)] / true.get(effect.name, 0.05)
+            expected = moved(effect.name, effect.values) / true.get(effect.name, 0.05)
             assert effect.relative == pytest.approx(expected, rel=1e-3)
             assert 0.5 <= effect.relative <= 6.0
     relative = [e.relative for c in found.campaigns for e in c.effects]
@@ -191,7 +191,7 @@ def test_a_draw_is_measured_on_the_protocol_of_its_campaign() -> None:
 
     def measure(engine, number, effect, values):
         asked.append((number, effect.name, values[strength_of(effect.name)]))
-        return values[strength_of(effect.name)] / 0.05
+        return moved(effect.name, values) / 0.05
 
     found = plan(measure, single=30, unknown=6, protocols=3)
     for campaign in found.campaigns:
@@ -210,7 +210,7 @@ def test_what_is_never_measured_inside_gives_way_to_the_next_and_is_leak() -> No
         calls[effect.name] += 1
         if effect.name == "friction":
             return 38.0
-        return 0.0 if effect.name == "inertia" else values[strength_of(effect.name)] / 0.05
+        return 0.0 if effect.name == "inertia" else moved(effect.name, values) / 0.05
 
     found = plan(measure, single=24, pair=4, unknown=12)
     assert len(found.campaigns) == 40
@@ -225,7 +225,7 @@ def test_what_is_never_measured_inside_gives_way_to_the_next_and_is_leak() -> No
 
 def test_left_out_in_turn_is_what_can_be_measured() -> None:
     def measure(engine, number, effect, values):
-        return 0.0 if effect.name == "inertia" else values[strength_of(effect.name)] / 0.05
+        return 0.0 if effect.name == "inertia" else moved(effect.name, values) / 0.05
 
     found = plan(measure, leave_one_out=2)
     names = Counter(c.effects[0].name for c in found.campaigns)

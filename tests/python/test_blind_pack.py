@@ -37,7 +37,7 @@ from vsr2.campaign import (
 )
 from vsr2.config import Study, load_study
 from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
-from vsr2.ensemble.simulated.nuisances import MOTION_NOISE
+from vsr2.ensemble.simulated.motion_noise import MOTION_NOISE
 from vsr2.errors import BlindError
 from vsr2.simulation.run_constants import run_constants
 

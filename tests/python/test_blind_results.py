@@ -28,6 +28,8 @@ from blind_targets import outcomes_table, targets_table
 from scored_campaigns import CAMPAIGNS, VERDICTS
 from vsr2.blind import score_pack
 from vsr2.blind.form.diagnosis_form import ReportedEstimate
+from vsr2.blind.form.pack_form import Key
+from vsr2.blind.form.reader import parsed
 from vsr2.blind.form.seal import open_key, read_json, read_pack
 from vsr2.blind.scoring.cases import read_cases
 from vsr2.errors import BlindError
@@ -156,7 +158,9 @@ def test_a_check_is_scored_and_its_targets_follow(tmp_path, capsys) -> None:
 @pytest.mark.parametrize("folder", sorted(p.parent for p in RESULTS.glob("blind_*/key1.json.gz")))
 def test_what_was_published_can_be_read(folder) -> None:
     keys = sorted(folder.glob("key*.json.gz"))
-    campaigns = [read_key(folder, number)["campaigns"] for number in range(1, 1 + len(keys))]
+    opened = [read_key(folder, number) for number in range(1, 1 + len(keys))]
+    campaigns = [key["campaigns"] for key in opened]
+    assert all(parsed(Key, key, str(folder), "key") for key in opened)
     for sealed, cases in zip(campaigns, read_parts(folder), strict=True):
         assert {case.id for case in cases} == set(sealed)
     assert set(read_gz(folder / RECORD)) == {"scores", "rates", "leaks", "packs", "submissions"}

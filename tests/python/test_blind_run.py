@@ -2,7 +2,6 @@
 
 import dataclasses
 import json
-import math
 import os
 import shutil
 import subprocess
@@ -28,12 +27,12 @@ from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE
 from vsr2.blind.form.events import EventCode
 from vsr2.blind.form.pack_settings import KINDS
 from vsr2.blind.form.seal import open_key, read_json
-from vsr2.blind.pack_diagnoses import at_tier, uncertainties
+from vsr2.blind.pack_diagnoses import at_tier
 from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget
-from vsr2.ensemble import Execution, with_deviations
+from vsr2.ensemble import Execution
 from vsr2.ensemble.execution import Progress, Stage, Turn
 from vsr2.ensemble.simulated.cache import KEY
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
@@ -485,16 +484,3 @@ def test_baselines_are_trained_on_another_pack_that_is_open(small, study, tmp_pa
     make(study, development, 3, single=6, none=2, pair=0, unknown=2, development=True)
     scored(development)
     assert (key / "receipt.json").exists()
-
-
-def test_a_diagnosis_takes_its_uncertainties_from_the_published_tolerances() -> None:
-    found = uncertainties(
-        {"width": 0.03, "height": 0.04, "friction": 0.05, "yaw": math.radians(2), "offset": 0.003,
-         "input_gain": [0.004, 0.004], "energy_ratio": 0.015}
-    )  # fmt: skip
-    assert found == pytest.approx(
-        {"slenderness": 0.05, "inertia": 0.16, "friction": 0.05, "yaw": 2.0, "offset": 0.003,
-         "trial_gain": 0.004, "restitution": 0.015}
-    )  # fmt: skip
-    assert uncertainties({}) == {}
-    with_deviations(found)

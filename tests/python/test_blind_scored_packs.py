@@ -131,7 +131,7 @@ def test_changed_data_are_refused(pack, tmp_path) -> None:
         score_pack(*pack, tmp_path / "scores")
 
 
-@pytest.mark.parametrize("changed", [["wear"], [], ["catch", "wear"]])
+@pytest.mark.parametrize("changed", [["change_point", "wear"], [], ["catch", "inertia"]])
 def test_a_changed_exclusion_is_refused(changed, pack, tmp_path) -> None:
     path = pack[0] / "pack.json"
     content = json.loads(path.read_text())

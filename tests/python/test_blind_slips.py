@@ -44,6 +44,22 @@ def reference(**effect):
             {"campaigns": [reference(name="friction", values={"speed": 0.8})]},
             r"campaigns\[0\]\..*speed is 0\.8; friction has no parameter 'speed'; known are",
         ),
+        (
+            {"campaigns": [reference(name="friction", values={"factor": -8})]},
+            r"campaigns\[0\]\.effects\[0\]\.values\.factor is -8\.0; -8 is outside 0 to 20; check",
+        ),
+        (
+            {"campaigns": [{"id": "a"}, {"id": "b", "exclude": ["chain", "wind"]}]},
+            r"campaigns\[1\]\.exclude is .*; it should hold complete equivalence classes: rope too",
+        ),
+        (
+            {"campaigns": [{"id": 12}]},
+            r"campaigns\[0\]\.id is 12; 12 is no id, as it is no text; put it in quotes",
+        ),
+        (
+            {"campaigns": [{"id": 12e34}]},
+            r"campaigns\[0\]\.id is 1\.2e\+35; .* put it in quotes, as it is written",
+        ),
     ],
 )
 def test_slips_of_a_pack_are_refused_before_any_simulation(changes, message, tmp_path) -> None:
@@ -65,6 +81,35 @@ def test_slips_of_a_pack_are_refused_before_any_simulation(changes, message, tmp
             {"name": "friction", "values": {"factor": 0.8, "v": 1.0}, "strength": "factor"},
             r"values\.v is 1\.0; friction has no parameter 'v'; known are factor",
         ),
+        (
+            {"name": "friction", "values": {"factor": -8.0}, "strength": "factor"},
+            r"values\.factor is -8\.0; -8 is outside 0 to 20; check unit and sign",
+        ),
+        (
+            {"name": "friction", "values": {"factor": 0.8}, "strength": "factor"},
+            r"null is 0\.0; it should be 1\.0: the value of friction\.factor without effect",
+        ),
+        (
+            {"name": "restitution", "values": {"energy_ratio": 0.8}, "strength": "energy_ratio"},
+            r"null is 0\.0; it should be from 0\.01 to 1\.5: the value of restitution",
+        ),
+        (
+            {"name": "table_bandwidth", "values": {"corner": 8.0}, "strength": "corner"},
+            r"null is 0\.0; it should be null, for infinity: the value of table_bandwidth\.corner",
+        ),
+        (
+            {
+                "name": "base_slope",
+                "values": {"angle": 1.0, "azimuth": 90.0},
+                "strength": "azimuth",
+            },
+            "strength is 'azimuth'; it does nothing on its own; give one of base_slope that does: "
+            "angle",
+        ),
+        (
+            {"name": "inertia", "values": {"rule": 0.5}, "strength": "rule"},
+            r"values\.rule is 0\.5; must be one of model, aabb",
+        ),
     ],
 )
 def test_slips_of_a_key_are_refused_and_leave_no_receipt(effect, message, tmp_path) -> None:
@@ -78,8 +123,49 @@ def test_slips_of_a_key_are_refused_and_leave_no_receipt(effect, message, tmp_pa
     assert not (tmp_path / "scores").exists()
 
 
-def test_a_key_may_name_parameters_of_the_library(tmp_path) -> None:
+@pytest.mark.parametrize(
+    ("name", "strength", "value", "null"),
+    [
+        ("friction", "factor", 0.8, 1.0),
+        ("restitution", "energy_ratio", 0.8, 1.0),
+        ("table_bandwidth", "corner", 8.0, None),
+        # Where no slack is beyond 180 degrees, infinity says the same.
+        ("catch", "slack", 20.0, 180.0),
+        ("catch", "slack", 20.0, None),
+        ("gust", "speed", 0.0, None),
+    ],
+)
+def test_a_key_may_name_parameters_of_the_library(name, strength, value, null, tmp_path) -> None:
     key = copy.deepcopy(KEY)
-    own = {"name": "friction", "values": {"factor": 0.8}, "strength": "factor", "null": 1.0}
+    own = {"name": name, "values": {strength: value}, "strength": strength, "null": null}
     key["campaigns"]["Hall.1"]["effects"] = [own]
     assert open_key(*write_pack(tmp_path, key))["campaigns"]["Hall.1"]["effects"] == [own]
+
+
+def test_a_slip_in_what_a_key_withholds_is_refused(tmp_path) -> None:
+    key = copy.deepcopy(KEY)
+    key["campaigns"]["Hall.2"]["exclude"] = ["rope", "chain", "table_gian"]
+    message = r"key\.campaigns\.Hall\.2\.exclude\[2\] is 'table_gian'; .* mean 'table_gain'"
+    with pytest.raises(BlindError, match=message):
+        open_key(*write_pack(tmp_path, key))
+
+
+def test_sealed_weights_are_counted_before_anything_is_scored(tmp_path) -> None:
+    key = copy.deepcopy(KEY)
+    key["campaigns"]["Hall.1"]["where"]["weights"] = [1.0, 2.0]
+    data, kept = write_pack(tmp_path, key)
+    message = r"trials\.csv: has 3 trials, but the key has 2 weights in campaigns\.Hall\.1\.where"
+    with pytest.raises(BlindError, match=message):
+        open_key(data, kept)
+
+
+@pytest.mark.parametrize("file", ["pack.json", "key.json", "diagnosis.json"])
+def test_a_key_that_stands_twice_is_refused(file, tmp_path) -> None:
+    """JSON takes the last."""
+    data, kept = write_pack(tmp_path)
+    out = write_diagnoses(data, tmp_path / "out")
+    (path,) = [p for p in tmp_path.rglob(file) if "Hall.2/M" in str(p) or "out" not in str(p)]
+    path.write_text(path.read_text().replace('"schema":', '"schema": "x", "schema":', 1))
+    with pytest.raises(BlindError, match=rf"{file}: schema stands twice in one mapping; leave one"):
+        score_pack(data, kept, out, tmp_path / "scores")
+    assert not (kept / "receipt.json").exists()

@@ -2,6 +2,7 @@
 
 import math
 from dataclasses import replace
+from datetime import date
 
 import numpy as np
 import pytest
@@ -34,6 +35,10 @@ def trial(**changes):
         ({"trial": "a/b"}, "is no id"),
         ({"trial": ""}, "is no id"),
         ({"trial": "a\n"}, "is no id"),
+        ({"trial": 12}, "trial: 12 is no id, as it is no text; put it in quotes"),
+        ({"trial": 12e34}, r"1\.2e\+35 is no id, .* put it in quotes, as it is written"),
+        ({"trial": np.int64(7)}, "put it in quotes"),
+        ({"trial": date(2020, 1, 1)}, "put it in quotes"),
         ({"motion": ""}, "motion: is blank"),
         ({"motion": " m"}, "outer blanks"),
         ({"session": "a\nb"}, "line breaks"),

@@ -26,13 +26,9 @@ from vsr2.ensemble import (
     with_deviations,
 )
 from vsr2.ensemble.simulated import nuisances
+from vsr2.ensemble.simulated.distributions import LogUniform, Uniform, distribution
 from vsr2.ensemble.simulated.nuisance_draws import correlated
-from vsr2.ensemble.simulated.nuisances import (
-    LogUniform,
-    Uniform,
-    distribution,
-    with_stated,
-)
+from vsr2.ensemble.simulated.nuisances import with_stated
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import Request
 from vsr2.errors import ConfigError, DiagnosisError
@@ -224,7 +220,9 @@ def test_what_is_relative_without_a_cause_multiplies_the_nominal_value(shaken, t
         (stated(distribution="normal", sd=1, hihg=2), "hihg: no number of normal"),
         (stated(distribution="normal", sd="1"), "sd is '1'; give a finite number"),
         (stated(distribution="normal", sd=math.nan), "sd is nan; give a finite number"),
-        (stated(distribution="normal", sd=-1), "sd should be 0 or more"),
+        (stated(distribution="normal", sd=-1), "^sd is -1; give 0 or more"),
+        (stated(distribution="lognormal", sd=1, median=0), "^median is 0; give a number above 0"),
+        (stated(distribution="normal", sd=10**400), "sd is 1000.*; give a finite number"),
         (stated(distribution="uniform", low=2, high=1), "low is 2 and high 1; give the lower"),
         (stated(distribution="loguniform", low=0, high=1), "above 0"),
         (stated(distribution="normal", sd=1, scope="trail"), "scope is 'trail'; did you mean"),
@@ -237,7 +235,10 @@ def test_what_is_relative_without_a_cause_multiplies_the_nominal_value(shaken, t
         (stated(distribution="normal", sd=1, direction=1), "direction is 1; give text"),
         (stated(distribution="normal", sd=1, direction="azimth"), "no parameter 'azimth'"),
         (stated(distribution="by_effect", sd=1, reach=-1), "reach is -1; give 0 or more"),
-        (stated(distribution="normal", sd=1, correlation=2), "correlation is 2; give -1 to 1"),
+        (
+            stated(distribution="normal", sd=1, group="a", correlation=2),
+            "correlation is 2; give -1 to 1",
+        ),
     ],
 )
 def test_a_nuisance_that_a_file_misstates_is_named(content, message) -> None:
@@ -259,10 +260,10 @@ def test_what_is_stated_takes_the_place_of_what_is_usual() -> None:
 
 def test_nuisances_of_a_group_are_drawn_together() -> None:
     group = [
-        Nuisance("slenderness", "change", Normal(1.0), group="edges"),
+        Nuisance("slenderness", "change", Normal(0.1), group="edges"),
         Nuisance("friction", "factor", LogNormal(0.1)),
-        Nuisance("inertia", "change", Normal(1.0), group="edges", correlation=-0.8),
-        Nuisance("table_gain", "change", Normal(1.0), group="edges", correlation=0.5),
+        Nuisance("inertia", "change", Normal(0.1), group="edges", correlation=-0.8),
+        Nuisance("table_gain", "change", Normal(0.1), group="edges", correlation=0.5),
     ]
     draws = correlated(group, np.random.default_rng(0).standard_normal((20000, 4)))
     np.testing.assert_allclose(
@@ -349,7 +350,7 @@ def test_a_nuisance_that_does_nothing_on_its_own_is_refused() -> None:
     azimuth = Nuisance("com_offset", "azimuth", Uniform(0.0, 360.0))
     with pytest.raises(DiagnosisError, match="azimuth does nothing on its own; add a nuisance of"):
         Hypotheses(nuisances=[azimuth])
-    assert Hypotheses(nuisances=[azimuth, Nuisance("com_offset", "distance", Normal(0.001))])
+    assert Hypotheses(nuisances=[azimuth, Nuisance("com_offset", "distance", Uniform(0, 1e-3))])
     assert Hypotheses(nuisances=with_stated([azimuth]))
     assert Hypotheses(nuisances=[replace(azimuth, relative=True)])
     for scope in (Scope.TRIAL, Scope.MOTION):

@@ -17,8 +17,9 @@ from vsr2.diagnosis import Budget, diagnose
 from vsr2.diagnosis.corrected import scene_with
 from vsr2.effects import apply_effects, effect, library
 from vsr2.ensemble import Execution, Hypotheses, Nuisance, ProtocolCache
+from vsr2.ensemble.simulated.distributions import Normal
 from vsr2.ensemble.simulated.library import free_parameters
-from vsr2.ensemble.simulated.nuisances import Normal, Scope, with_deviations
+from vsr2.ensemble.simulated.nuisances import Scope, with_deviations
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import FINE_SOLVER, HALF_STEP, PERTURBED, Effects, Request
 from vsr2.errors import ConfigError, DiagnosisError, Fault, GeometryError, ResultError
@@ -228,7 +229,11 @@ def test_what_comes_in_midway_is_not_available_again(shaken) -> None:
         (True, (), True),
         (False, (), False),
         # Noise of the motion comes last, so that the record tells the motion before.
-        (True, [Nuisance("motion_noise", "displacement", Normal(1e-5), Scope.TRIAL)], True),
+        (
+            True,
+            [Nuisance("motion_noise", "displacement", Normal(0.0, mean=1e-5), Scope.TRIAL)],
+            True,
+        ),
     ],
 )
 def test_the_crossover_is_diagnosed_where_every_record_has_both_channels(

@@ -28,6 +28,7 @@ from vsr2.blind.form.seal import (
     read_pack,
     write_json,
 )
+from vsr2.blind.form.uncertainties import uncertainties
 from vsr2.campaign import TIERS, Campaign, Tier, load_campaign
 from vsr2.codes import Statement
 from vsr2.config import load_study
@@ -40,7 +41,6 @@ from vsr2.ensemble.execution import Report, Turn
 from vsr2.ensemble.observed.observations import observe_campaign, same_trials, series_sampling
 from vsr2.ensemble.simulated.nuisances import with_stated
 from vsr2.errors import BlindError, Vsr2Error
-from vsr2.near_words import NEAR, near_words
 
 SUBMISSION_SCHEMA = "vsr2.blind-submission/1"
 SUBMISSION = "submission.json"
@@ -79,29 +79,6 @@ def at_tier(campaign: Campaign, tier: Tier) -> Campaign:
         for t in campaign.trials
     )
     return replace(campaign, trials=trials, noise=noise)
-
-
-def uncertainties(tolerances: Mapping[str, Any]) -> dict[str, float]:
-    """Standard deviations for the diagnosis from those that a pack publishes.
-
-    What it does not publish keeps the diagnosis' own. Edges that are off by s change the frequency
-    parameter p^2 by s, as a moment of inertia does that is off by 4 s: of the moment about an edge,
-    4/3 m R^2, a quarter is about the centre.
-    """
-    tolerances = {name: value for name, value in tolerances.items() if value is not None}
-    units = {"friction": 1.0, "yaw": math.degrees(1), "offset": 1.0, "energy_ratio": 1.0}
-    out = {name: unit * tolerances[name] for name, unit in units.items() if name in tolerances}
-    if "energy_ratio" in out:
-        out["restitution"] = out.pop("energy_ratio")
-    if {"width", "height"} <= set(tolerances):
-        out["slenderness"] = math.hypot(tolerances["width"], tolerances["height"])
-        out["inertia"] = 4 * tolerances["height"]
-    if "input_gain" in tolerances:
-        # Root mean square of a log-uniform draw.
-        low, high = tolerances["input_gain"]
-        spread = 2 * math.log(high / low) if high > low > 0 else 0.0
-        out["trial_gain"] = math.sqrt((high**2 - low**2) / spread) if spread else high
-    return out
 
 
 def pack_nuisances(pack: Pack) -> tuple[Nuisance, ...]:
@@ -158,7 +135,7 @@ def diagnose_pack(
     scene = data / pack.scene
     check_study_effects(load_study(scene).effects, scene)
     _check_folder(out, data)
-    hypotheses = {name: _hypotheses(data, pack, listed[name], say) for name in chosen}
+    hypotheses = {name: _hypotheses(pack, listed[name], say) for name in chosen}
     how = _effort(budget) | {"seed": seed}
     older = _older(out, pack, how)
     # Campaigns that share a posterior are neighbours.
@@ -213,9 +190,9 @@ def _effort(budget: Budget) -> dict[str, float]:
     return (given or {"budget_minutes": minutes}) | {"held_out": held_out}
 
 
-def _hypotheses(data: Path, pack: Pack, entry: Listed, say: Say) -> Hypotheses:
+def _hypotheses(pack: Pack, entry: Listed, say: Say) -> Hypotheses:
     """What a campaign is diagnosed against."""
-    excluded = _excluded(data, entry, say)
+    excluded = _excluded(entry, say)
     return Hypotheses(exclude=excluded, priors=pack.priors, nuisances=pack_nuisances(pack))
 
 
@@ -337,20 +314,13 @@ def _check_folder(out: Path, data: Path) -> None:
             raise BlindError(f"{out}: lies in a {what} folder, {other}; choose another --out")
 
 
-def _excluded(data: Path, entry: Listed, say: Say) -> tuple[str, ...]:
+def _excluded(entry: Listed, say: Say) -> tuple[str, ...]:
     """What to leave out of the library for a campaign.
 
-    A custodian may withhold effects that the library never had; a name that is nearly one of the
-    library's is a slip, which would let the effect in.
+    A custodian may withhold effects that the library never had.
     """
     known = library()
     for name in (name for name in entry.exclude if name not in known):
-        near = near_words(name, known, alike=NEAR.slip)
-        if near:
-            raise BlindError(
-                f"{data / PACK_FILE}: exclude of {entry.id} names {name!r}, which the library "
-                f"lacks; if {near[0]} is meant, publish that name"
-            )
         say(Statement.of(EventCode.EXCLUDED_ANYWAY, campaign=entry.id, effect=name))
     return tuple(name for name in entry.exclude if name in known)
 

@@ -40,7 +40,7 @@ from vsr2.calibration.search import (
 )
 from vsr2.campaign import Campaign, load_campaign, motion_folds, motion_resamples
 from vsr2.config.extended import Plain
-from vsr2.ensemble.simulated.nuisances import MOTION_NOISE
+from vsr2.ensemble.simulated.motion_noise import MOTION_NOISE
 from vsr2.ensemble.simulated.simulator import SIMULATION
 from vsr2.errors import CampaignError, ResultError
 from vsr2.one_line import counted

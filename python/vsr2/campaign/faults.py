@@ -5,6 +5,7 @@ from __future__ import annotations
 import math
 import re
 from collections.abc import Mapping
+from datetime import date
 
 import numpy as np
 
@@ -24,6 +25,8 @@ def id_fault(value: object) -> str | None:
     """Why `value` is no id (it names a file, too); None: it is one."""
     if isinstance(value, str) and _ID.match(value):
         return None
+    if isinstance(value, (int, float, np.number, date)):
+        return f"{shown(value)} is no id, as it is no text; put it in quotes, as it is written"
     return (
         f"{shown(value)} is no id: 1 to 100 letters, digits, `.`, `_` or `-`, the first a letter "
         "or digit; rename it"

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
 
     from vsr2.config import Study as StudySettings
     from vsr2.ensemble import Execution, Nuisance
-    from vsr2.ensemble.simulated.nuisances import Distribution
+    from vsr2.ensemble.simulated.distributions import Distribution
     from vsr2.results import BatchResult
 
     Prior = Distribution | tuple[float, float]
@@ -323,8 +323,10 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
         try:
             deviation = float(number)
             with_deviations({name: deviation})
-        except (ValueError, DiagnosisError):
+        except (ValueError, DiagnosisError) as error:
             known = [one.name for one in DEFAULT_NUISANCES]
+            if name in known and isinstance(error, DiagnosisError) and float(number) >= 0:
+                raise ConfigError(f"--nuisance {text}: {error.message}") from None
             near = None if name in known else nearest(name, known)
             remedy = f"did you mean {near}?" if near else f"names are {', '.join(known)}"
             raise ConfigError(

@@ -3,18 +3,15 @@
 from vsr2.ensemble.execution import Execution
 from vsr2.ensemble.protocol_cache import ProtocolCache
 from vsr2.ensemble.simulated.campaign_steps import campaign_step_trials
-from vsr2.ensemble.simulated.hypotheses import Hypotheses
-from vsr2.ensemble.simulated.nuisances import (
-    DEFAULT_NUISANCES,
+from vsr2.ensemble.simulated.distributions import (
     DrawnByEffect,
     LogNormal,
     LogUniform,
     Normal,
-    Nuisance,
-    Scope,
     Uniform,
-    with_deviations,
 )
+from vsr2.ensemble.simulated.hypotheses import Hypotheses
+from vsr2.ensemble.simulated.nuisances import DEFAULT_NUISANCES, Nuisance, Scope, with_deviations
 from vsr2.ensemble.simulated.simulator import Request, Responses, Simulator
 
 __all__ = [

@@ -12,7 +12,7 @@ from vsr2.ensemble.observed.table_motion import TABLE_MOTION
 from vsr2.ensemble.simulated.campaigns import SET_PRIOR
 from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
 from vsr2.ensemble.simulated.look import LOOK
-from vsr2.ensemble.simulated.nuisances import MOTION_NOISE
+from vsr2.ensemble.simulated.motion_noise import MOTION_NOISE
 from vsr2.ensemble.simulated.simulator import SIMULATION
 from vsr2.simulation.run_constants import run_constants
 

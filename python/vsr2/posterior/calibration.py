@@ -187,9 +187,10 @@ def calibrate(judged: JudgedCampaigns, truth: Truth, fit: Array) -> Levels:
     none_limit = float(np.quantile(plain, CALIBRATED.false_alarms)) if plain.size else 0.5
     owners = [tuple(np.flatnonzero(row).tolist()) for row in acting]
     chosen, wrong, named = _naming_limits(judged, owners, fit, truth.alike, none_limit)
+    withheld = np.flatnonzero(judged.unknown)
     unknown = [
         decide(judged.found[k], chosen, truth.alike, fit=float(fit[k])).kind is VerdictKind.UNKNOWN
-        for k in np.flatnonzero(judged.unknown)
+        for k in withheld
     ]
     index = np.where(judged.unknown, truth.sets.outside, truth.index[judged.row])
     before = _before_true(judged.labels, index, truth.sets)
@@ -204,7 +205,9 @@ def calibrate(judged: JudgedCampaigns, truth: Truth, fit: Array) -> Levels:
         known_held=float(np.average(held, weights=judged.weight[known])),
         wrong=wrong,
         named=named,
-        detection_rate=float(np.mean(unknown) if unknown else 0),
+        detection_rate=float(np.average(unknown, weights=judged.weight[withheld]))
+        if unknown
+        else 0.0,
     )
 
 

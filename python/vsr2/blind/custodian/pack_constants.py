@@ -17,7 +17,7 @@ from vsr2.blind.mujoco.mujoco_trial import TRIAL
 from vsr2.blind.mujoco.rigid_body import HULL
 from vsr2.blind.mujoco.step_actions import MECHANISMS
 from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
-from vsr2.ensemble.simulated.nuisances import MOTION_NOISE
+from vsr2.ensemble.simulated.motion_noise import MOTION_NOISE
 from vsr2.simulation.run_constants import run_constants
 
 

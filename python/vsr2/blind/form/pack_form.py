@@ -9,25 +9,31 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from pydantic import AfterValidator, BeforeValidator, Field, InstanceOf, model_validator
 
+from vsr2.blind.form.effect_names import (
+    EffectNames,
+    NamedEffect,
+    check_complete,
+    check_strength,
+)
 from vsr2.blind.form.pack_settings import Kind, Tolerances
 from vsr2.blind.form.reader import (
     Count,
     Name,
-    Names,
     Part,
     Probability,
     Sha256,
     check_count,
     misfit,
 )
+from vsr2.blind.form.uncertainties import check_tolerances
 from vsr2.campaign import TIERS, Tier
 from vsr2.campaign.faults import id_fault
 from vsr2.effects import library
 from vsr2.ensemble import Hypotheses, Nuisance
+from vsr2.ensemble.simulated.distributions import Distribution, distribution, stated
 from vsr2.ensemble.simulated.library import NONE, UNKNOWN
-from vsr2.ensemble.simulated.nuisances import Distribution, distribution, stated, with_stated
+from vsr2.ensemble.simulated.nuisances import with_stated
 from vsr2.errors import ConfigError, DiagnosisError
-from vsr2.near_words import NEAR, near_words
 
 ANSWERS = (NONE, UNKNOWN)
 """Answers that no effect may be called."""
@@ -78,17 +84,12 @@ def _distinct(classes: tuple[tuple[str, ...], ...]) -> tuple[tuple[str, ...], ..
     names = [name for members in classes for name in members]
     if len(set(names)) < len(names) or set(names) & set(ANSWERS):
         raise ValueError("each name should stand once, none and unknown in no class")
-    known = library()
-    for name in names:
-        # Effects of another custodian may have names of their own.
-        if name not in known and (meant := near_words(name, known, alike=NEAR.slip)):
-            raise ValueError(f"there is no effect {name!r}; do you mean {meant[0]!r}?")
     return tuple(sorted(tuple(sorted(members)) for members in classes))
 
 
 Tiers = Annotated[list[Tier], Field(min_length=1), AfterValidator(_each_once)]
 Classes = Annotated[
-    tuple[Annotated[Names, Field(min_length=1)], ...],
+    tuple[Annotated[EffectNames, Field(min_length=1)], ...],
     Field(strict=False),
     AfterValidator(_distinct),
 ]
@@ -110,6 +111,11 @@ def _as(read: Callable[[Mapping[str, Any]], object]) -> BeforeValidator:
 
 def _offered(priors: dict[str, Distribution]) -> dict[str, Distribution]:
     for key, prior in priors.items():
+        name, _, parameter = key.partition(".")
+        if not parameter:
+            names = [one.name for one in known.parameters] if (known := library().get(name)) else []
+            some = f"such as {name}.{names[0]}" if names else "such as friction.factor"
+            raise misfit(key, stated(prior), f"its key should be effect.parameter, {some}")
         try:
             _ = Hypotheses(priors={key: prior}).offered
         except (DiagnosisError, ConfigError) as error:
@@ -132,37 +138,7 @@ Priors = Annotated[
     dict[str, Annotated[Any, _as(distribution)]],
     AfterValidator(_offered),
 ]
-
-
-def _check_words(name: str, values: Mapping[str, float], where: str = "") -> None:
-    """Refuse the name of an effect that is a slip, and parameters that a known effect lacks.
-
-    Args:
-        name: of the effect.
-        values: by parameter.
-        where: goes before a key in messages.
-    """
-    known = library()
-    if name in known:
-        for word, value in values.items():
-            try:
-                known[name].parameter(word)
-            except ConfigError as error:
-                raise misfit(f"{where}values.{word}", value, f"{name} {error.message}") from None
-    elif meant := near_words(name, known, alike=NEAR.slip):
-        # Effects of another custodian may have names of their own.
-        wanted = f"there is no effect {name!r}; do you mean {meant[0]!r}?"
-        raise misfit(f"{where}name", name, wanted)
-
-
-class _Known(Part):
-    name: Name
-    values: dict[str, float]
-
-    @model_validator(mode="after")
-    def _check_known(self) -> _Known:
-        _check_words(self.name, self.values)
-        return self
+Published = Annotated[Tolerances, AfterValidator(check_tolerances)]
 
 
 class Listed(Part):
@@ -170,9 +146,9 @@ class Listed(Part):
 
     id: Annotated[str, BeforeValidator(_identifier)]
     protocol: Count = 0
-    exclude: Names = ()
+    exclude: EffectNames = ()
     kind: Literal["reference"] | None = None
-    effects: tuple[_Known, ...] = Field((), strict=False)
+    effects: tuple[NamedEffect, ...] = Field((), strict=False)
 
     @model_validator(mode="after")
     def _check_open(self) -> Listed:
@@ -192,7 +168,7 @@ class Pack(Part):
     scene: Annotated[Name, AfterValidator(_in_folder)]
     tiers: Tiers
     classes: Classes = ()
-    tolerances: Tolerances | None = None
+    tolerances: Published | None = None
     nuisances: Nuisances = Field((), strict=False)
     priors: Priors = Field(default_factory=dict)
     campaigns: Annotated[list[Listed], Field(min_length=1)]
@@ -206,12 +182,16 @@ class Pack(Part):
             raise misfit(f"campaigns: id {twice}", ids, "give each id once")
         return self
 
+    @model_validator(mode="after")
+    def _check_exclude(self) -> Pack:
+        for i, campaign in enumerate(self.campaigns):
+            check_complete(f"campaigns[{i}].exclude", campaign.exclude, self.classes)
+        return self
 
-class _Effect(Part):
+
+class _Effect(NamedEffect):
     nullable: ClassVar[frozenset[str]] = frozenset({"null"})
-    name: Name
     strength: Name
-    values: dict[str, float]
     null: float | None
     relative: Annotated[float, Field(gt=0)] | None = None
 
@@ -221,9 +201,11 @@ class _Effect(Part):
             raise misfit("name", self.name, "it is a verdict; give that of an effect")
         if self.strength not in self.values:
             raise misfit(f"values.{self.strength}", None, "give the strength's value")
-        if self.values[self.strength] == (self.null or 0.0):
-            value = self.values[self.strength]
+        value = self.values[self.strength]
+        if value == self.null:
             raise misfit(f"values.{self.strength}", value, "that is the value without effect")
+        if self.known is not None:
+            check_strength(self.known, self.strength, self.null)
         return self
 
 
@@ -238,7 +220,7 @@ class Entry(Part):
     kind: Kind = Field(strict=False)
     engine: Name
     protocol: Count = 0
-    exclude: Names = ()
+    exclude: EffectNames = ()
     data_sha256: Sha256
     effects: tuple[_Effect, ...] = Field((), strict=False)
     flips: Probability | None = None
@@ -262,8 +244,6 @@ class Entry(Part):
             if name not in self.exclude and self.kind is Kind.UNKNOWN and name in library():
                 wanted = f"it should hold {name}, as the kind is unknown"
                 raise misfit("exclude", self.exclude, wanted)
-        for i, effect in enumerate(self.effects):
-            _check_words(effect.name, effect.values, f"effects[{i}].")
         return self
 
 
@@ -272,7 +252,7 @@ class _Sealed(Part):
     classes: Classes
     tiers: Tiers | None = None
     series_interval: float | None = None
-    tolerances: Tolerances | None = None
+    tolerances: Published | None = None
     nuisances: Nuisances | None = Field(None, strict=False)
     priors: Priors | None = None
 
@@ -295,15 +275,11 @@ class Key(Part):
 
     @model_validator(mode="after")
     def _check_classes(self) -> Key:
-        classes = [set(members) for members in self.settings.classes]
+        classes = self.settings.classes
         for name, entry in self.campaigns.items():
-            here, exclude = f"campaigns.{name}", set(entry.exclude)
-            for members in classes:
-                if members & exclude and members - exclude:
-                    missing = ", ".join(sorted(members - exclude))
-                    wanted = f"it should hold complete equivalence classes: {missing} too"
-                    raise misfit(f"{here}.exclude", entry.exclude, wanted)
-            one = any(set(entry.names) <= members for members in classes)
+            here = f"campaigns.{name}"
+            check_complete(f"{here}.exclude", entry.exclude, classes)
+            one = any(set(entry.names) <= set(members) for members in classes)
             if entry.kind is Kind.PAIR and (one or len(set(entry.names)) < 2):
                 wanted = "it should be two effects of different classes"
                 raise misfit(f"{here}.effects", entry.names, wanted)

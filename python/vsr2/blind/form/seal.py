@@ -13,6 +13,8 @@ from typing import Any
 from vsr2.blind.form.pack_form import Key, Pack
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.reader import parsed
+from vsr2.blind.form.trial_weights import check_weights, trial_ids
+from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.problems import shown
 from vsr2.config.yaml_file import parse_yaml
 from vsr2.errors import BlindError, ConfigError
@@ -92,10 +94,19 @@ def read_json(path: Path) -> dict[str, Any]:
     """A JSON file that holds a mapping.
 
     Raises:
-        BlindError: it is missing, cannot be read, or holds something else.
+        BlindError: it is missing, cannot be read, holds something else, or a key twice.
     """
+
+    def once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+        content = dict(pairs)
+        if len(content) < len(pairs):
+            keys = [key for key, _ in pairs]
+            twice = next(key for key in content if keys.count(key) > 1)
+            raise BlindError(f"{path}: {twice} stands twice in one mapping; leave one of them out")
+        return content
+
     try:
-        content = json.loads(path.read_bytes(), parse_float=_finite)
+        content = json.loads(path.read_bytes(), parse_float=_finite, object_pairs_hook=once)
     except OSError as error:
         raise BlindError(f"{path}: cannot be read ({error.strerror}); check the path") from None
     except (ValueError, RecursionError) as error:
@@ -188,6 +199,9 @@ def open_key(data: Path, key_folder: Path) -> dict[str, Any]:
                 f"{data / name}: its files differ from the sealed ones (changed, missing or "
                 "added); get the published folder again; nothing is scored"
             )
+    for name, entry in read.campaigns.items():
+        if weights := entry.where.weights:
+            check_weights(weights, trial_ids(data / name / TRIALS), data / name, name)
     return key
 
 

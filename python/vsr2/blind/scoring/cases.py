@@ -12,12 +12,10 @@ from typing import Any
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE, ReportedVerdict, read_verdict
 from vsr2.blind.form.pack_settings import Kind
 from vsr2.blind.form.seal import read_json, read_pack, sealed_classes
-from vsr2.campaign.file_problems import Problems
-from vsr2.campaign.table import read_table
+from vsr2.blind.form.trial_weights import check_weights, trial_ids
 from vsr2.campaign.trials_table import TRIALS
 from vsr2.config.problems import shown
 from vsr2.errors import BlindError
-from vsr2.one_line import counted
 
 ALL = "all"
 
@@ -144,7 +142,7 @@ def read_cases(
         )
     out = []
     for name in sorted(key["campaigns"]):
-        trials = _trial_ids(data / name / TRIALS)
+        trials = trial_ids(data / name / TRIALS)
         for tier in tiers:
             folder = diagnoses / name / tier
             verdict, path = read_verdict(folder), folder / DIAGNOSIS_FILE
@@ -192,13 +190,7 @@ def case_of(
         truth = (entry["kind"],)
     if entry["kind"] == Kind.REFERENCE and not effects:
         truth = (str(Kind.NONE),)
-    weights = entry["where"]["weights"]
-    if weights and len(weights) != len(trials):
-        raise BlindError(
-            f"{paths[0] / TRIALS}: has {counted(len(trials), 'trial')}, but the key has "
-            f"{counted(len(weights), 'weight')} in campaigns.{name}.where; give one a trial, or "
-            "none"
-        )
+    check_weights(entry["where"]["weights"], trials, paths[0], name)
     exclude = tuple(entry.get("exclude") or ())
     _check_verdict(verdict, str(paths[1]), exclude, trials)
     return Case(
@@ -221,16 +213,6 @@ def case_of(
 def _relative(effects: Sequence[Mapping[str, Any]]) -> float:
     sealed = [float(e["relative"]) for e in effects if e.get("relative") is not None]
     return min(sealed) if sealed and len(sealed) == len(effects) else math.nan
-
-
-def _trial_ids(path: Path) -> tuple[str, ...]:
-    problems = Problems()
-    table = read_table(path, str(path), problems)
-    if table is not None and "trial" not in table.columns:
-        raise BlindError(f"{path}: has no column trial; give one with the trials' ids")
-    if table is None or problems:
-        raise BlindError(str(problems.found[0]))
-    return tuple(row.cells["trial"] for row in table.rows)
 
 
 def _check_verdict(

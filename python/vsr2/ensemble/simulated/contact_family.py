@@ -19,7 +19,8 @@ from typing import Any
 from vsr2.config.study import Contact, Material
 from vsr2.effects import Effect, Parameter
 from vsr2.effects.standing import settle_at
-from vsr2.ensemble.simulated.nuisances import Nuisance, Uniform
+from vsr2.ensemble.simulated.distributions import Uniform
+from vsr2.ensemble.simulated.nuisances import Nuisance
 from vsr2.trial import Trial
 
 

@@ -11,15 +11,9 @@ from vsr2.campaign import Campaign
 from vsr2.effects import Effect, effect
 from vsr2.effects import library as known_effects
 from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY
+from vsr2.ensemble.simulated.distributions import Distribution, LogUniform, Normal, Uniform
 from vsr2.ensemble.simulated.nuisance_rules import assert_together
-from vsr2.ensemble.simulated.nuisances import (
-    DEFAULT_NUISANCES,
-    Distribution,
-    LogUniform,
-    Normal,
-    Nuisance,
-    Uniform,
-)
+from vsr2.ensemble.simulated.nuisances import DEFAULT_NUISANCES, Nuisance
 from vsr2.errors import DiagnosisError
 from vsr2.near_words import offer
 from vsr2.one_line import OnlyGiven

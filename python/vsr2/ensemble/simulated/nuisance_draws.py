@@ -12,7 +12,8 @@ from numpy.typing import NDArray
 from vsr2.effects import Effect, each_with_effects
 from vsr2.effects.apply import ByTrial, MadeEarlier, Seed, Values
 from vsr2.effects.registry import place
-from vsr2.ensemble.simulated.nuisances import DrawnByEffect, Nuisance, Scope
+from vsr2.ensemble.simulated.distributions import DrawnByEffect
+from vsr2.ensemble.simulated.nuisances import Nuisance, Scope
 from vsr2.ensemble.simulated.simulator import nuisance_normal
 from vsr2.trial import Trial
 

@@ -7,21 +7,30 @@ effect may stand in it.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
-from dataclasses import MISSING, dataclass, fields, replace
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
 from enum import StrEnum
 from functools import cached_property
-from typing import Any, Protocol
+from typing import Any
 
-import numpy as np
-
-from vsr2.effects import Circumstances, Effect, Parameter
+from vsr2.effects import Effect, Parameter
 from vsr2.effects import library as known_effects
 from vsr2.effects.own_code import own_code
+from vsr2.ensemble.simulated.distributions import (
+    MAX_REACH,
+    REMEDIES,
+    DrawnByEffect,
+    LogNormal,
+    Normal,
+    Prior,
+    distribution,
+    number,
+    reach,
+    stated,
+)
+from vsr2.ensemble.simulated.motion_noise import MotionNoise
 from vsr2.errors import DiagnosisError
-from vsr2.motion.processing import differentiate
 from vsr2.near_words import offer
-from vsr2.trial import Trial
 
 
 class Scope(StrEnum):
@@ -30,234 +39,6 @@ class Scope(StrEnum):
     CAMPAIGN = "campaign"
     TRIAL = "trial"
     MOTION = "motion"
-
-
-class Prior(Protocol):
-    """Value of a parameter at a standard normal draw; `sd` is its standard deviation."""
-
-    @property
-    def sd(self) -> float: ...  # noqa: D102
-
-    def value(self, z: float) -> float: ...  # noqa: D102
-
-
-@dataclass(frozen=True)
-class Normal:
-    """Normal, in the parameter's unit; values below `least` are `least`."""
-
-    sd: float
-    least: float = -math.inf
-    mean: float = 0.0
-
-    def value(self, z: float) -> float:
-        """Mean and `sd` times the draw."""
-        return max(float(self.mean + self.sd * z), self.least)
-
-
-@dataclass(frozen=True)
-class LogNormal:
-    """A factor whose logarithm is normal, with standard deviation `sd`."""
-
-    sd: float
-    median: float = 1.0
-
-    def value(self, z: float) -> float:
-        """The median times the exponential of `sd` times the draw."""
-        return float(self.median * np.exp(self.sd * z))
-
-
-@dataclass(frozen=True)
-class Uniform:
-    """Between two ends."""
-
-    low: float
-    high: float
-
-    @property
-    def sd(self) -> float:
-        """(high - low) / 12^(1/2)."""
-        return (self.high - self.low) / math.sqrt(12)
-
-    def value(self, z: float) -> float:
-        """The quantile at the draw's own."""
-        return self.low + (self.high - self.low) * _quantile(z)
-
-
-@dataclass(frozen=True)
-class LogUniform:
-    """Uniform in the logarithm, between two ends above 0."""
-
-    low: float
-    high: float
-
-    @property
-    def sd(self) -> float:
-        """Of the value, not of its logarithm."""
-        span = math.log(self.high / self.low)
-        if span == 0:
-            return 0.0
-        mean = (self.high - self.low) / span
-        return math.sqrt(max(0.0, (self.high**2 - self.low**2) / (2 * span) - mean**2))
-
-    def value(self, z: float) -> float:
-        """The quantile at the draw's own."""
-        return float(self.low * (self.high / self.low) ** _quantile(z))
-
-
-def _quantile(z: float) -> float:
-    return 0.5 * math.erfc(-z / math.sqrt(2))
-
-
-@dataclass(frozen=True)
-class DrawnByEffect:
-    """The effect draws for each trial itself, up to `reach` standard deviations.
-
-    The deviation of a uniform draw between -w and w is w / sqrt(3), over a disc of radius w it is
-    w / 2 along each axis.
-    """
-
-    sd: float
-    reach: float
-
-    def value(self, z: float) -> float:
-        """Greatest value, whatever the draw."""
-        return self.sd * self.reach
-
-
-Distribution = Normal | LogNormal | Uniform | LogUniform | DrawnByEffect
-DISTRIBUTIONS: Mapping[str, type[Distribution]] = {
-    "normal": Normal,
-    "lognormal": LogNormal,
-    "uniform": Uniform,
-    "loguniform": LogUniform,
-    "by_effect": DrawnByEffect,
-}
-"""By the names that files give them."""
-
-
-def distribution(content: Mapping[str, Any], more: Collection[str] = ()) -> Distribution:
-    """A distribution as files have it: its name and its numbers.
-
-    Args:
-        content: `distribution` and the numbers of its class; other keys are refused.
-        more: keys that are allowed beside them.
-
-    Raises:
-        DiagnosisError: an unknown name or key, or a number that is missing or cannot be.
-    """
-    name = content.get("distribution")
-    kind = DISTRIBUTIONS.get(name) if isinstance(name, str) else None
-    if kind is None:
-        raise DiagnosisError(f"distribution is {name!r}; {offer(str(name), [*DISTRIBUTIONS])}")
-    given = {key: value for key, value in content.items() if key not in ("distribution", *more)}
-    numbers = {one.name: one.default is MISSING for one in fields(kind)}
-    for key, value in given.items():
-        if key not in numbers:
-            raise DiagnosisError(f"{key}: no number of {name}; {offer(key, [*numbers, *more])}")
-        _number(key, value)
-    for key, needed in numbers.items():
-        if needed and key not in given:
-            raise DiagnosisError(f"{key} is missing; {name} has {', '.join(numbers)}")
-    made = kind(**given)
-    if isinstance(made, Uniform | LogUniform):
-        above = 0.0 if isinstance(made, LogUniform) else -math.inf
-        if not above < made.low <= made.high:
-            raise DiagnosisError(
-                f"low is {made.low:g} and high {made.high:g}; give the lower one first"
-                f"{', above 0' if above == 0 else ''}"
-            )
-    elif made.sd < 0 or (isinstance(made, LogNormal) and made.median <= 0):
-        raise DiagnosisError(f"{given}: sd should be 0 or more, median above 0")
-    elif isinstance(made, DrawnByEffect) and made.reach < 0:
-        raise DiagnosisError(f"reach is {made.reach:g}; give 0 or more")
-    return made
-
-
-def _number(key: str, value: Any) -> float:
-    number = isinstance(value, int | float) and not isinstance(value, bool)
-    if not (number and math.isfinite(value)):
-        raise DiagnosisError(f"{key} is {value!r}; give a finite number")
-    return value  # type: ignore[no-any-return]
-
-
-def stated(prior: Prior) -> dict[str, Any]:
-    """A prior as plain data: what :func:`distribution` reads.
-
-    A prior of a caller's own class has the name of the class, which no file may state.
-    """
-    own = type(prior).__name__
-    name = next((n for n, kind in DISTRIBUTIONS.items() if type(prior) is kind), own)
-    numbers = {key: value for key, value in vars(prior).items() if math.isfinite(value)}
-    return {"distribution": name, **numbers}
-
-
-@dataclass(frozen=True)
-class MotionNoiseConstants:
-    """How noise is brought in and out; chosen by hand.
-
-    Attributes:
-        taper: share of the motion over which it is, at either end.
-        power: of the sine there; from 4 on the third derivative vanishes where it begins and ends,
-            so that the table starts at rest.
-    """
-
-    taper: float = 0.1
-    power: int = 4
-
-
-MOTION_NOISE = MotionNoiseConstants()
-
-
-class MotionNoise(Effect):
-    """The table does not do what was recorded: noise is added to the motion.
-
-    Gaussian, of a flat spectrum of displacement up to the corner, brought in and out at
-    its ends. It is a nuisance and no cause: the library does not have it.
-    """
-
-    name = "motion_noise"
-    meaning = "The table's motion differs from the recorded one by noise"
-    parameters = (
-        Parameter(
-            "displacement", "m", 0.0, 0.0, 0.001, "uniform", "standard deviation",
-            limits=(0.0, 0.1),
-        ),
-        Parameter(
-            "corner", "Hz", 10.0, 1.0, 25.0, "fixed", "upper end of its spectrum",
-            limits=(0.5, 100.0), secondary=True,
-        ),
-    )  # fmt: skip
-    channels = ("motion", "tilt")
-    stage = "actuation"
-    rank = 9
-
-    def at(self, values: Mapping[str, float], circumstances: Circumstances) -> Mapping[str, float]:
-        """With the seed of the trial's noise."""
-        return {**values, "seed": float(circumstances.rng.integers(2**31))}
-
-    def change(self, trial: Trial, values: Mapping[str, float]) -> Trial:
-        """The trial with noise in its motion."""
-        motion = trial.motion
-        count, step = motion.displacement.size, motion.time_step
-        rng = np.random.default_rng(int(values["seed"]))
-        frequency = np.fft.rfftfreq(count, step)
-        within = (frequency > 0) & (frequency <= values["corner"])
-        parts = rng.standard_normal((2, frequency.size)) * within
-        noise = np.fft.irfft(parts[0] + 1j * parts[1], count)
-        noise *= values["displacement"] / max(float(noise.std()), 1e-300)
-        tapers = 1 / MOTION_NOISE.taper
-        ends = np.minimum(np.linspace(0, tapers, count), np.linspace(tapers, 0, count))
-        noise *= np.sin(0.5 * np.pi * np.minimum(ends, 1.0)) ** MOTION_NOISE.power
-        more = differentiate(noise, step)
-        noisy = replace(
-            motion,
-            displacement=motion.displacement + more.displacement - more.displacement[0],
-            velocity=motion.velocity + more.velocity,
-            acceleration=motion.acceleration + more.acceleration,
-            source=f"{motion.source}; noise of {values['displacement']:.4g} m",
-            recorded=None,
-        )
-        return replace(trial, motion=noisy)
 
 
 OWN_EFFECTS: Mapping[str, Effect] = {MotionNoise.name: MotionNoise()}
@@ -272,6 +53,9 @@ changes, so that no kept simulation of another meaning is taken."""
 @dataclass(frozen=True)
 class Nuisance:
     """What is uncertain about a set-up.
+
+    Values beyond what can be simulated are its ends: the parameter's limits, of a relative one
+    those of the factor on its nominal value.
 
     Attributes:
         effect: that acts, or the name of a registered one.
@@ -289,8 +73,8 @@ class Nuisance:
             by the product.
 
     Raises:
-        DiagnosisError: no such effect or parameter, a standard deviation below 0, or a correlation
-            beyond -1 to 1.
+        DiagnosisError: no such effect or parameter, a standard deviation below 0, a correlation
+            beyond -1 to 1 or without a group, or a prior that reaches what cannot be simulated.
     """
 
     effect: Effect | str
@@ -304,34 +88,63 @@ class Nuisance:
     correlation: float = 1.0
 
     def __post_init__(self) -> None:
-        names = [parameter.name for parameter in self.acting.parameters]
         for key, name in (("parameter", self.parameter), ("direction", self.direction)):
-            if name not in names and (name or key == "parameter"):
-                raise DiagnosisError(
-                    f"effect {self.acting.name!r} has no parameter {name!r}; it has "
-                    f"{', '.join(names)}",
-                    key=key,
-                )
+            if name or key == "parameter":
+                _parameter(self.acting, name, key)
         if not -1 <= self.correlation <= 1:
             raise DiagnosisError(
                 f"correlation is {self.correlation}; give -1 to 1 (nuisance {self.name!r})"
+            )
+        if self.correlation != 1 and not self.group:
+            raise _ungrouped(self.correlation)
+        if self.group and isinstance(self.prior, DrawnByEffect):
+            raise DiagnosisError(
+                f"group is {self.group!r}, and the effect draws {self.parameter} itself, with no "
+                "other; leave group out, or give another distribution"
             )
         if not 0 <= self.prior.sd < math.inf:
             raise DiagnosisError(
                 f"sd is {self.prior.sd}; give a number of 0 or more (nuisance {self.name!r})"
             )
+        self._check_reach()
+
+    def _check_reach(self) -> None:
+        """Refuse a prior of what cannot be simulated."""
+        (least, most), (low, high) = reach(self.prior), self.bounds
+        # Ends come out of rounding functions.
+        slack = 1e-9 * max((abs(end) for end in (low, high) if math.isfinite(end)), default=0.0)
+        if low - slack <= least and most <= high + slack:
+            return
+        unit = _parameter(self.acting, self.parameter).unit
+        unit = "" if self.relative or unit == "1" else f" {unit}"
+        far = f" within {MAX_REACH:g} sd" if isinstance(self.prior, Normal | LogNormal) else ""
+        remedy = REMEDIES.get(type(self.prior), "narrow it")
+        turned = [one.name for one in self.acting.parameters if one.name.endswith("azimuth")]
+        if turned and least < 0 <= low:
+            remedy += f", or {turned[0]} as direction"
+        raise DiagnosisError(
+            f"nuisance {self.name!r}: {self.acting.name}.{self.parameter} reaches {least:g} to "
+            f"{most:g}{unit}{far}{', as a factor' if self.relative else ''}, and can be simulated "
+            f"from {low:g} to {high:g}{unit}; {remedy}",
+            key="distribution",
+        )
 
     @cached_property
     def acting(self) -> Effect:
         """The effect."""
-        if isinstance(self.effect, Effect):
-            return self.effect
-        known = {**known_effects(), **OWN_EFFECTS}
-        if self.effect not in known:
-            raise DiagnosisError(
-                f"there is no effect {self.effect!r}; {offer(self.effect, [*known])}", key="effect"
-            )
-        return known[self.effect]
+        return _acting(self.effect)
+
+    @cached_property
+    def bounds(self) -> tuple[float, float]:
+        """Ends of what values may be; of a relative one, of what multiplies the nominal value."""
+        own = _parameter(self.acting, self.parameter)
+        low, high = own.limits or (own.lower, own.upper)
+        nominal = _nominal(own)
+        if self.relative and 0 < nominal < math.inf and not self.direction:
+            return low / nominal, high / nominal
+        if self.relative:
+            return (-math.inf if self.direction or low < 0 else 0.0), math.inf
+        return (-high, high) if self.direction else (low, high)
 
     @property
     def name(self) -> str:
@@ -357,7 +170,8 @@ class Nuisance:
 
     def values(self, z: float) -> dict[str, float]:
         """Of the effect's parameters at a standard normal draw, those not concerned left out."""
-        value = self.prior.value(z)
+        low, high = self.bounds
+        value = min(max(self.prior.value(z), low), high)
         if not self.direction:
             return {self.parameter: value}
         return {self.parameter: abs(value), self.direction: 0.0 if value > 0 else 180.0}
@@ -383,9 +197,10 @@ class Nuisance:
         Keys are `effect`, `parameter`, `distribution` and its numbers, and where wanted `scope`,
         `name`, `direction`, `relative`, `group` and `correlation`. `direction` is by default the
         effect's `azimuth`, where it has one. `relative` is by default that of the nuisance of the
-        same effect and parameter in `DEFAULT_NUISANCES`. Where the effect draws that one itself, it
-        does so here, with the standard deviation of what is stated. What an effect draws belongs to
-        a trial, whatever `scope` says.
+        same effect and parameter in `DEFAULT_NUISANCES`. `mean` and `median` are by default the
+        value without effect, where it is relative 1. Where the effect draws the default nuisance
+        itself, it does so here, with the standard deviation of what is stated. What an effect draws
+        belongs to a trial, whatever `scope` says.
 
         Raises:
             DiagnosisError: names the key, its value and what is wanted.
@@ -403,33 +218,87 @@ class Nuisance:
         if scope not in scopes:
             raise DiagnosisError(f"scope is {scope!r}; {offer(scope, scopes)}")
         name, parameter = text["effect"], text["parameter"]
+        acting = _acting(name)
+        concerned = _parameter(acting, parameter)
         usual = _usual(name, parameter)
         relative = content.get("relative", usual is not None and usual.relative)
         if not isinstance(relative, bool):
             raise DiagnosisError(f"relative is {relative!r}; give true or false")
-        correlation = _number("correlation", content.get("correlation", 1.0))
-        prior = distribution(content, (*words, "relative", "correlation"))
+        correlation = number("correlation", content.get("correlation", 1.0))
+        if "correlation" in content and not text["group"]:
+            raise _ungrouped(correlation)
+        complete = _with_middle(content, concerned, relative)
+        prior = distribution(complete, (*words, "relative", "correlation"))
         own = usual and usual.prior
         if isinstance(own, DrawnByEffect) and not isinstance(prior, DrawnByEffect):
             prior = replace(own, sd=prior.sd)
         if isinstance(prior, DrawnByEffect):
             scope = Scope.TRIAL
-        made = cls(
+        beside = {one.name for one in acting.parameters if one.secondary}
+        usually = "azimuth" if "azimuth" in beside and parameter not in beside else ""
+        return cls(
             name,
             parameter,
             prior,
             Scope(scope),
-            direction=text["direction"],
+            direction=content.get("direction", usually),
             relative=relative,
             label=text["name"] if text["name"] != name else "",
             group=text["group"],
             correlation=correlation,
         )
-        if "direction" in content:
-            return made
-        beside = {one.name for one in made.acting.parameters if one.secondary}
-        usually = "azimuth" if "azimuth" in beside and parameter not in beside else ""
-        return replace(made, direction=usually)
+
+
+def _acting(effect: Effect | str) -> Effect:
+    """An effect by its name."""
+    if isinstance(effect, Effect):
+        return effect
+    known = {**known_effects(), **OWN_EFFECTS}
+    if effect not in known:
+        raise DiagnosisError(
+            f"there is no effect {effect!r}; {offer(effect, [*known])}", key="effect"
+        )
+    return known[effect]
+
+
+def _parameter(effect: Effect, name: str, key: str = "parameter") -> Parameter:
+    """A parameter of an effect, which a nuisance names in a key."""
+    known = {one.name: one for one in effect.parameters}
+    if name not in known:
+        raise DiagnosisError(
+            f"effect {effect.name!r} has no parameter {name!r}; it has {', '.join(known)}", key=key
+        )
+    return known[name]
+
+
+def _nominal(parameter: Parameter) -> float:
+    """The value without effect; 1 where the scene has it, as nominal values are relative to it."""
+    return 1.0 if math.isnan(parameter.null) else parameter.null
+
+
+def _with_middle(
+    content: Mapping[str, Any], parameter: Parameter, relative: bool
+) -> Mapping[str, Any]:
+    """What a file states with the middle of its distribution, which it may leave out."""
+    name = content.get("distribution")
+    middles = {"normal": "mean", "lognormal": "median"}
+    key = middles.get(name, "") if isinstance(name, str) else ""
+    if not key or key in content:
+        return content
+    middle = 1.0 if relative else parameter.null
+    if not math.isfinite(middle) or (key == "median" and middle <= 0):
+        raise DiagnosisError(
+            f"{key} is missing; give it, as the value of {parameter.name} without effect, "
+            f"{middle:g}, cannot be the middle of a {name} distribution"
+        )
+    return {**content, key: middle}
+
+
+def _ungrouped(correlation: float) -> DiagnosisError:
+    return DiagnosisError(
+        f"correlation is {correlation:g} without a group, and is with the first of one; give the "
+        "nuisances that are drawn together the same group, or leave correlation out"
+    )
 
 
 def _usual(effect: str, parameter: str) -> Nuisance | None:
@@ -486,10 +355,31 @@ def with_stated(
     """The same list with those that are given.
 
     One that is given takes the place of that of the same effect, parameter and scope.
+
+    Raises:
+        DiagnosisError: one is alone in its group.
     """
 
     def key(one: Nuisance) -> tuple[str, str, str]:
         return one.acting.name, one.parameter, one.scope
 
     taken = {key(one) for one in given}
-    return (*(one for one in nuisances if key(one) not in taken), *given)
+    made = (*(one for one in nuisances if key(one) not in taken), *given)
+    assert_grouped(made)
+    return made
+
+
+def assert_grouped(nuisances: Sequence[Nuisance]) -> None:
+    """Refuse a nuisance that is alone in its group.
+
+    Raises:
+        DiagnosisError: there is one.
+    """
+    groups = [(one.group, one.scope) for one in nuisances]
+    for one, group in zip(nuisances, groups, strict=True):
+        if one.group and groups.count(group) == 1:
+            raise DiagnosisError(
+                f"nuisance {one.name!r}: is alone in its group {one.group!r} with scope "
+                f"{one.scope}; give another nuisance of that scope the same group, or leave group "
+                "and correlation out"
+            )
