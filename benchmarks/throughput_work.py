@@ -245,12 +245,16 @@ def simulated_part(name: str) -> Any:
 
 
 class Given:
-    """Prior of a nuisance whose value comes from outside, whatever a version draws."""
+    """Prior of a nuisance whose value comes from outside, whatever a version draws.
+
+    Args:
+        first: value until another is given.
+    """
 
     sd = 1.0
 
-    def __init__(self) -> None:
-        self.given = 0.0
+    def __init__(self, first: float) -> None:
+        self.given = first
 
     def value(self, z: float) -> float:
         """The given one."""
@@ -275,7 +279,11 @@ class GivenCampaigns:
     ) -> None:
         usual = usual_nuisances()
         self._campaign = campaign
-        self._priors = {name: Given() for name in nuisances if holds_for_campaign(usual[name])}
+        self._priors = {
+            name: Given(usual[name].prior.value(0.0))
+            for name in nuisances
+            if holds_for_campaign(usual[name])
+        }
         acting = tuple(
             replace(usual[name], prior=self._priors[name]) if name in self._priors else usual[name]
             for name in nuisances

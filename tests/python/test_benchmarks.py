@@ -175,7 +175,7 @@ def test_one_draw_gives_the_same_trials_whatever_else_a_version_knows(monkeypatc
 
     first = peaks()
     usual = {
-        name: replace(one, prior=throughput_work.Given())
+        name: replace(one, prior=throughput_work.Given(one.prior.value(0.0)))
         if throughput_work.holds_for_campaign(one)
         else one
         for name, one in pools[1].items()

@@ -101,12 +101,6 @@ def test_the_identity_tells_scenes_with_other_effects_apart(shaken) -> None:
     assert null == known[0]
 
 
-def test_the_identity_tells_libraries_and_their_priors_apart(shaken) -> None:
-    wide, narrow = {"table_gain.change": (-0.3, 0.3)}, {"table_gain.change": (-0.001, 0.001)}
-    found = {simulator(shaken, priors=priors).identity for priors in ({}, wide, narrow)}
-    assert len({*found, simulator(shaken, library={}).identity}) == 4
-
-
 def test_what_a_scene_s_effect_draws_belongs_to_a_simulated_campaign(shaken) -> None:
     own = simulator(shaken, {"placement": {"yaw": 5.0}, "friction": {"factor": 0.8}})
     first = yaws(built(own))

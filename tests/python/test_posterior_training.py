@@ -3,12 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import asdict, replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
 from threadpoolctl import threadpool_limits
 
 from diagnosis_samples import NAMES, linear, linear_rehearsal, quick_training
+from vsr2.effects import effect
 from vsr2.ensemble.observed.observations import Observations
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.campaigns import simulate_campaigns
@@ -247,11 +249,19 @@ def test_a_parameter_whose_null_is_endless_may_be_endless_in_the_file(trained, t
     np.testing.assert_array_equal(again.parameters.values[name], values[name])
 
 
+NARROW = {"table_gain": effect("table_gain").with_prior("change", -0.01, 0.01)}
+WIDE = {"table_gain": effect("table_gain").with_prior("change", -0.2, 0.2)}
+
+
+def scene_of(library, identity="scene"):
+    return SimpleNamespace(identity=identity, library=library)
+
+
 def test_a_posterior_s_file_is_that_of_what_it_was_trained_for(trained, tmp_path) -> None:
     seen = trained.seen
     given = {
         "folder": tmp_path,
-        "identity": "scene",
+        "simulator": scene_of(NARROW),
         "seen": seen,
         "simulated": (600, 40, 50, 40, 48),
         "seed": 0,
@@ -261,10 +271,11 @@ def test_a_posterior_s_file_is_that_of_what_it_was_trained_for(trained, tmp_path
     outcomes = replace(seen, overturned=1 - seen.overturned, features=seen.features + 1)
     assert posterior_file(**(given | {"seen": outcomes})) == path, "outcomes have no part in it"
     others = [
-        {"identity": "another scene"}, {"simulated": (601, 40, 50, 40, 48)}, {"seed": 1},
+        {"simulator": scene_of(NARROW, "another scene")}, {"simulator": scene_of(WIDE)},
+        {"simulator": scene_of({})}, {"simulated": (601, 40, 50, 40, 48)}, {"seed": 1},
         {"simulated": (600, 41, 50, 40, 48)}, {"simulated": (600, 40, 50, 40, 47)},
         {"seen": replace(seen, tier="B", measured=())}, {"seen": replace(seen, tilt_noise=0.004)},
         {"excluded": ("wear",)},
     ]  # fmt: skip
     found = [posterior_file(**(given | change)) for change in others]
-    assert len({path, *found}) == 9
+    assert len({path, *found}) == 11

@@ -250,7 +250,7 @@ def check_with(
     )  # fmt: skip
     excluded = set(known["excluded"]) & set(simulator.library)
     posterior = load_posterior(
-        posterior_file(cache.folder, simulator.identity, seen, sizes, seed, most, excluded),
+        posterior_file(cache.folder, simulator, seen, sizes, seed, most, excluded),
         {name: one for name, one in simulator.library.items() if name not in excluded},
     )
     if posterior is None:

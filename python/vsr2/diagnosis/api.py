@@ -68,7 +68,7 @@ def diagnose(
     seen = observe_campaign(given, tier)
     simulator = scene_simulator(seen, study, hypotheses, execution, seed)
     _check_budget(budget, simulator, execution)
-    folder = None if out is None else _own_folder(Path(out), simulator, seen)
+    folder = None if out is None else _own_folder(Path(out), simulator, seen, hypotheses)
     if execution.cache is not None:
         made_folder(execution.cache.folder)
     found = diagnose_with(
@@ -120,12 +120,15 @@ def _check_budget(budget: Budget, simulator: SceneSimulator, execution: Executio
         )
 
 
-def _own_folder(folder: Path, simulator: SceneSimulator, seen: Observations) -> Path:
+def _own_folder(
+    folder: Path, simulator: SceneSimulator, seen: Observations, hypotheses: Hypotheses
+) -> Path:
     """The folder of a diagnosis, made where it is not there; refused where it holds another."""
     file = made_folder(folder) / FILE
     for key, value in (
         ("simulator", simulator.identity),
         ("outcomes", outcomes_hash(seen.overturned, seen.features)),
+        ("priors", hypotheses.ends),
     ):
         refuse_other_work(file, ("provenance", key), value, "a diagnosis")
     return folder

@@ -364,10 +364,10 @@ class _Work:
     def _path(self, cache: ProtocolCache, campaigns: int, trials: int) -> Path:
         asked = self.question
         simulated = (campaigns, trials, *self.schedule.look)
-        identity = self.store.simulator.identity
+        simulator = self.store.simulator
         return posterior_file(
-            cache.folder, identity, self.seen, simulated, asked.seed, asked.most_effects,
-            set(asked.excluded) & set(self.store.simulator.library),
+            cache.folder, simulator, self.seen, simulated, asked.seed, asked.most_effects,
+            set(asked.excluded) & set(simulator.library),
         )  # fmt: skip
 
     def _trained(self, campaigns: Campaigns, trials: NDArray[np.int64], done: int) -> Posterior:

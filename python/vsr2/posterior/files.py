@@ -16,7 +16,8 @@ from numpy.typing import NDArray
 from vsr2.ensemble.observed.observations import Observations
 from vsr2.ensemble.simulated.campaigns import SET_PRIOR
 from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
-from vsr2.ensemble.simulated.library import Library, free_parameters
+from vsr2.ensemble.simulated.library import Library, content_of, free_parameters
+from vsr2.ensemble.simulated.simulator import Simulator
 from vsr2.errors import ResultError
 from vsr2.posterior.calibration import CALIBRATED, Levels
 from vsr2.posterior.discrepancy import DISCREPANCY
@@ -43,7 +44,7 @@ FORMAT = 15
 
 def posterior_file(
     folder: Path,
-    identity: str,
+    simulator: Simulator,
     seen: Observations,
     simulated: Sequence[int],
     seed: int,
@@ -54,7 +55,7 @@ def posterior_file(
 
     Args:
         folder: of it.
-        identity: of the simulator.
+        simulator: its identity, and its library with the priors.
         seen: the observed campaign, whose outcomes have no part in it.
         simulated: number of campaigns, of trials of each, and what the look was at.
         seed: of the training.
@@ -67,7 +68,8 @@ def posterior_file(
         PARAMETERS, SET_PRIOR, EFFECT_CURVE, SECOND_CAUSE, DISCREPANCY_SIZE,
     )  # fmt: skip
     parts = (
-        identity, seen.tier, [feature.name for feature in seen.measured], seen.tilt_offset,
+        simulator.identity, content_of(simulator.library), seen.tier,
+        [feature.name for feature in seen.measured], seen.tilt_offset,
         seen.tilt_noise, seen.rest_noise, list(simulated), seed, most, sorted(excluded),
         [astuple(one) for one in constants],
     )  # fmt: skip

@@ -61,7 +61,7 @@ def prepare_work_folder(
     return path
 
 
-def refuse_other_work(file: Path, keys: Sequence[str | int], wanted: str, what: str) -> None:
+def refuse_other_work(file: Path, keys: Sequence[str | int], wanted: Any, what: str) -> None:
     """Refuse to go on where a finished result is of other work, which would replace it.
 
     Args:

@@ -26,7 +26,6 @@ from vsr2.ensemble.observed.features import (
 )
 from vsr2.ensemble.observed.observations import series_sampling
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
-from vsr2.ensemble.simulated.library import content_of
 from vsr2.ensemble.simulated.nuisance_draws import Caused, NuisanceDraws
 from vsr2.ensemble.simulated.scene_effects import SceneEffects
 from vsr2.ensemble.simulated.simulator import (
@@ -82,7 +81,8 @@ class SceneSimulator:
             scene already and cannot act twice.
         nuisances: that are drawn.
         nuisance_names: of those drawn once a campaign.
-        identity: hash of scene and its effects, motions, schedule, priors and seed.
+        identity: hash of scene and its effects, motions, schedule, nuisances and seed, but not of
+            the library: a simulation is asked for by the values of what acts.
         variants: half the time step, twice the solver's iterations.
 
     Raises:
@@ -172,7 +172,6 @@ class SceneSimulator:
                 study.outcome.model_dump_json(),
                 study.motion.drive,
                 self._own_effects.content,
-                content_of(self.library),
             )
         )
         return hashlib.sha256(content.encode()).hexdigest()
