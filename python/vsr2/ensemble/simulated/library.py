@@ -8,6 +8,7 @@ from functools import lru_cache
 from typing import Final
 
 from vsr2.effects import Effect, Parameter
+from vsr2.effects.own_code import own_code
 
 NONE: Final = "none"
 """Label of the hypothesis that nothing is missing."""
@@ -28,7 +29,9 @@ Side = int
 
 def content_of(library: Library) -> str:
     """All of a library that a diagnosis depends on: names, parameters with priors, twins, code."""
-    return repr([(e.name, e.parameters, e.confounded_with, e.code) for e in library.values()])
+    return repr(
+        [(e.name, e.parameters, e.confounded_with, own_code(type(e))) for e in library.values()]
+    )
 
 
 def free_parameters(effect: Effect) -> tuple[Parameter, ...]:
