@@ -9,6 +9,7 @@ import pytest
 
 from vsr2.ensemble import (
     DrawnByEffect,
+    Hypotheses,
     LogNormal,
     Normal,
     Nuisance,
@@ -18,7 +19,7 @@ from vsr2.ensemble import (
 )
 from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY
 from vsr2.ensemble.simulated.distributions import LogUniform
-from vsr2.ensemble.simulated.nuisances import DEFAULT_NUISANCES, with_stated
+from vsr2.ensemble.simulated.nuisances import DEFAULT_NUISANCES
 from vsr2.errors import DiagnosisError
 
 FAR = 40.0
@@ -145,9 +146,9 @@ def test_a_correlation_without_a_group_is_refused() -> None:
 def test_nobody_is_alone_in_a_group() -> None:
     one = Nuisance("friction", "factor", LogNormal(0.1), group="a")
     other = Nuisance("inertia", "change", Normal(0.1), group="a", correlation=0.5)
-    assert with_stated([one, other])[-2:] == (one, other)
+    assert Hypotheses(nuisances=(one, other)).nuisances == (one, other)
     elsewhere = Nuisance("inertia", "change", Normal(0.1), Scope.TRIAL, group="a")
     for alone in ([one], [one, elsewhere]):
         message = "'friction': is alone in its group 'a' with scope campaign; give another"
         with pytest.raises(DiagnosisError, match=message):
-            with_stated(alone)
+            Hypotheses(nuisances=tuple(alone))

@@ -306,3 +306,9 @@ def test_a_gap_closes_once_its_cause_is_in_the_scene(shaken, tmp_path) -> None:
     assert len(list(cache.folder.glob("posterior-*.npz"))) == 2
     with few_simulations(), pytest.raises(ResultError, match="a diagnosis of another scene"):
         diagnose(seen, scene(cause), tier="M", out=tmp_path / "found" / "plain")
+    narrow = replace(hypotheses, priors={"table_gain.change": (-0.01, 0.01)})
+    for tier, asked in (("M", narrow), ("B", hypotheses)):
+        with few_simulations(), pytest.raises(ResultError, match="campaign, seed, tier, prior or"):
+            diagnose(
+                seen, scene({}), tier=tier, hypotheses=asked, out=tmp_path / "found" / "plain"
+            )  # fmt: skip

@@ -57,7 +57,7 @@ def diagnose(
 
     Raises:
         DiagnosisError: the campaign holds too little, or an option cannot be used.
-        ResultError: `out` holds a diagnosis of another scene, campaign or seed.
+        ResultError: `out` holds a diagnosis of another scene, campaign, tier, prior or seed.
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
     """

@@ -67,7 +67,7 @@ def refuse_other_work(file: Path, keys: Sequence[str | int], wanted: Any, what: 
     Args:
         file: the result, as JSON; where there is none, or none that can be read, nothing is lost.
         keys: that lead to what tells works apart.
-        wanted: its value for the work that is asked for.
+        wanted: its value for the work that is asked for, as JSON has it.
         what: such a file holds, as "a search for causes".
 
     Raises:
@@ -81,6 +81,6 @@ def refuse_other_work(file: Path, keys: Sequence[str | int], wanted: Any, what: 
         return
     if found != wanted:
         raise ResultError(
-            f"{file}: is {what} of another scene, campaign, seed or version of VSR2; replace it "
-            "with `--overwrite`, or choose another folder"
+            f"{file}: is {what} of another scene, campaign, seed, tier, prior or version of VSR2; "
+            "replace it with `--overwrite`, or choose another folder"
         )

@@ -14,10 +14,11 @@ def assert_together(nuisances: Sequence[Nuisance]) -> None:
 
     Raises:
         DiagnosisError: two of one effect, parameter and scope; of several scopes, of which a later
-            value takes the place of an earlier one; of an effect that cannot act twice; or one that
-            does nothing on its own.
+            value takes the place of an earlier one; of an effect that cannot act twice; one that
+            does nothing on its own; or one alone in its group.
     """
     _assert_distinct(nuisances)
+    _assert_grouped(nuisances)
     _assert_moved(nuisances)
     kinds: dict[str, list[Nuisance]] = defaultdict(list)
     for one in nuisances:
@@ -30,6 +31,17 @@ def assert_together(nuisances: Sequence[Nuisance]) -> None:
 
 
 _WIDEST_FIRST = (Scope.CAMPAIGN, Scope.MOTION, Scope.TRIAL)
+
+
+def _assert_grouped(nuisances: Sequence[Nuisance]) -> None:
+    groups = [(one.group, one.scope) for one in nuisances]
+    for one, group in zip(nuisances, groups, strict=True):
+        if one.group and groups.count(group) == 1:
+            raise DiagnosisError(
+                f"nuisance {one.name!r}: is alone in its group {one.group!r} with scope "
+                f"{one.scope}; give another nuisance of that scope the same group, or leave group "
+                "and correlation out"
+            )
 
 
 def _assert_distinct(nuisances: Sequence[Nuisance]) -> None:

@@ -355,31 +355,10 @@ def with_stated(
     """The same list with those that are given.
 
     One that is given takes the place of that of the same effect, parameter and scope.
-
-    Raises:
-        DiagnosisError: one is alone in its group.
     """
 
     def key(one: Nuisance) -> tuple[str, str, str]:
         return one.acting.name, one.parameter, one.scope
 
     taken = {key(one) for one in given}
-    made = (*(one for one in nuisances if key(one) not in taken), *given)
-    assert_grouped(made)
-    return made
-
-
-def assert_grouped(nuisances: Sequence[Nuisance]) -> None:
-    """Refuse a nuisance that is alone in its group.
-
-    Raises:
-        DiagnosisError: there is one.
-    """
-    groups = [(one.group, one.scope) for one in nuisances]
-    for one, group in zip(nuisances, groups, strict=True):
-        if one.group and groups.count(group) == 1:
-            raise DiagnosisError(
-                f"nuisance {one.name!r}: is alone in its group {one.group!r} with scope "
-                f"{one.scope}; give another nuisance of that scope the same group, or leave group "
-                "and correlation out"
-            )
+    return (*(one for one in nuisances if key(one) not in taken), *given)
