@@ -1,8 +1,9 @@
 """A blind check's scores beside the targets for them, as tables in Markdown.
 
-    python studies/blind_targets.py docs/results/blind_validation_5
+    python studies/blind_targets.py docs/results/blind_validation_5 [MORE ...]
 
-Reads a results folder of `blind_check.py --score` (:mod:`blind_results`). Scores are given at tiers
+Reads results folders of `blind_check.py --score` (:mod:`blind_results`); campaigns of several rounds
+are taken together. Scores are given at tiers
 B / M / T, by engine, with the number of campaigns in parentheses; where tiers differ, one a tier.
 Shares have their exact 95 % interval in brackets. The second table counts what the verdicts of both
 engines came to.
@@ -107,8 +108,9 @@ ROWS = (
 def main() -> None:
     """Print the tables."""
     parser = argparse.ArgumentParser(description=__doc__.splitlines()[0])
-    parser.add_argument("results", type=Path)
-    cases = [case for part in read_parts(parser.parse_args().results) for case in part]
+    parser.add_argument("results", type=Path, nargs="+")
+    folders = parser.parse_args().results
+    cases = [case for folder in folders for part in read_parts(folder) for case in part]
     print(targets_table(cases))
     print()
     print(outcomes_table(cases))

@@ -41,7 +41,7 @@ from vsr2.ensemble.simulated.library import NONE, UNKNOWN, free_parameters
 from vsr2.ensemble.simulated.linear_algebra import one_blas_thread
 from vsr2.ensemble.simulated.look import LOOK
 from vsr2.ensemble.simulated.simulator import Effects, Request
-from vsr2.posterior.calibration import label_probability, label_set
+from vsr2.posterior.calibration import label_probability
 from vsr2.posterior.summaries import SUMMARY
 from vsr2.posterior.training import Found, Posterior
 from vsr2.posterior.truth import PRIOR
@@ -101,7 +101,7 @@ def not_wrong(verdict: str, named: set[str], acting: set[str]) -> bool:
 
 def row_of(found: Found, posterior: Posterior, kind: str, acting: Sequence[Acting]) -> Row:
     """What scoring needs of one campaign, whose cause is in the library: given that it is."""
-    names, sets = posterior.sets.names, posterior.sets
+    names = posterior.sets.names
     within = np.append(found.probability[:-1], 0.0)
     p = by_class(within / within.sum(), posterior)
     groups = {class_of(one.name)[0] for one in acting}
@@ -109,10 +109,7 @@ def row_of(found: Found, posterior: Posterior, kind: str, acting: Sequence[Actin
     effects = {group: value for group, value in p.items() if group not in (NONE, UNKNOWN)}
     top = max(p, key=lambda group: p[group])
     labels = (NONE, *names, UNKNOWN)
-    held = {
-        class_of(labels[k])[0]
-        for k in label_set(found.probability, sets, posterior.levels.set_level)
-    }
+    held = {class_of(labels[k])[0] for k in found.held}
     said = found.naming
     named = {class_of(names[e])[0] for e in said.effects}
     p_true = sum(p[group] for group in true)

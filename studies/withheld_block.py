@@ -12,8 +12,10 @@ SIMULATIONS is the `simulations.jsonl` of the pack's verdicts; what it lacks is 
 by tier, one row for each effect that acts alone with two detection limits or more, one of all of
 them, and one of those from one limit: AUROC by which the probability of outside exceeds that of
 campaigns whose cause is known or that have none, the share that exceeds 95 % of them, shares that
-are said to be unknown and that get a name, which is wrong. The last row is of strong single effects
-that the library has: shares that are said to be unknown, named, and named wrongly.
+are said to be unknown and that get a name, which is wrong, the share of 90 % sets that hold a true
+label, and their median size. The last rows are of single effects that the library has, strong and
+others, and of campaigns without effect: shares that are said to be unknown, named, and named
+wrongly, and sets.
 
 A second table says what a name of one cause would cost at each level that its probability may be
 asked to have: the share of all names that would be wrong, kinds counted by the prior, the share
@@ -40,9 +42,10 @@ import vsr2.posterior.training as training
 from vsr2.blind import diagnose_pack
 from vsr2.blind.form.seal import read_pack
 from vsr2.campaign import TIERS
+from vsr2.coverage.judged import true_labels
 from vsr2.diagnosis import Budget
 from vsr2.ensemble.protocol_cache import SIMULATIONS
-from vsr2.posterior.calibration import CALIBRATED, JudgedCampaigns, Levels, calibrate
+from vsr2.posterior.calibration import CALIBRATED, JudgedCampaigns, Levels, calibrate, label_set
 from vsr2.posterior.naming import Naming, NamingLimits, VerdictKind, decide, is_wrong
 from vsr2.posterior.training import Posterior, train
 from vsr2.posterior.truth import Truth
@@ -92,6 +95,16 @@ def rows(tier: str, judging: Judging) -> list[dict[str, Any]]:
     others = outside[known]
     single = acts.sum(axis=1) == 1
 
+    index = np.where(judged.unknown, truth.sets.outside, truth.index[judged.row])
+    sets = [
+        label_set(own, levels.set_level(one.kind))
+        for own, one in zip(judged.labels, said, strict=True)
+    ]
+    holds = np.array(
+        [bool(set(own) & true_labels(truth.sets, k)) for own, k in zip(sets, index, strict=True)]
+    )
+    sizes = np.array([len(own) for own in sets])
+
     def row(label: str, chosen: NDArray[np.bool_]) -> dict[str, Any]:
         own = outside[chosen]
         return {
@@ -103,6 +116,8 @@ def rows(tier: str, judging: Judging) -> list[dict[str, Any]]:
             "said_unknown": float(unknown[chosen].mean()),
             "named": float(named[chosen].mean()),
             "named_wrongly": float(named[chosen].mean()),
+            "set_holds": float(holds[chosen].mean()),
+            "set_size": float(np.median(sizes[chosen])),
         }
 
     strong = judged.unknown & single & (size >= STRONG)
@@ -115,13 +130,19 @@ def rows(tier: str, judging: Judging) -> list[dict[str, Any]]:
         for k, name in enumerate(truth.sets.names)
         if (strong & acts[:, k]).any()
     ]
-    held = known & single & (size >= STRONG)
     wrong = [
         is_wrong(one, tuple(np.flatnonzero(acting).tolist()))
         for one, acting in zip(said, acts, strict=True)
     ]
-    mistaken = float(np.array(wrong)[held].mean())
-    return [*out, row("in the library", held) | {"named_wrongly": mistaken}]
+    inside = {
+        "in the library": known & single & (size >= STRONG),
+        "in the library, weaker": known & single & (size < STRONG),
+        "no effect": known & ~acts.any(axis=1),
+    }
+    return out + [
+        row(label, chosen) | {"named_wrongly": float(np.array(wrong)[chosen].mean())}
+        for label, chosen in inside.items()
+    ]
 
 
 def level_rows(tier: str, judging: Judging) -> list[dict[str, Any]]:

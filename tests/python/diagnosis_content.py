@@ -106,8 +106,8 @@ CONTENT = {
     "unknown": {"probability": 0.1, "detection_rate": 0.4},
     "posterior": {
         "temperature": 1.1, "none_limit": 0.3, "least_name": 0.85, "least_together": 0.5,
-        "set_level": 0.95, "known_held": 0.91, "wrong": 0.09, "named": 0.62,
-        "detection_rate": 0.4, "campaigns": 2000,
+        "none_set_level": 0.95, "gap_set_level": 0.8, "known_held": 0.91, "wrong": 0.09,
+        "named": 0.62, "detection_rate": 0.4, "campaigns": 2000,
     },
     "next_measurement": {
         "kind": "split",

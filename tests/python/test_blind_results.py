@@ -177,15 +177,16 @@ def test_the_documented_tables_are_those_of_the_study(page) -> None:
     # Both tables of each folder that the page names, as the study prints them.
     root = RESULTS.parents[1]
     documented = (root / "docs" / "validation" / f"{page}.md").read_text()
-    folders = re.findall(r"^python studies/blind_targets\.py (\S+)$", documented, re.MULTILINE)
-    assert folders
-    for folder in folders:
-        cases = [case for part in read_parts(root / folder) for case in part]
+    commands = re.findall(r"^python studies/blind_targets\.py (.+)$", documented, re.MULTILINE)
+    assert commands
+    for folders in map(str.split, commands):
+        cases = [case for one in folders for part in read_parts(root / one) for case in part]
         scores, verdicts = targets_table(cases), outcomes_table(cases)
         assert len(scores.splitlines()) > 20
         assert len(verdicts.splitlines()) > 5
         assert scores + "\n" in documented
-        assert verdicts + "\n" in documented
+        # Of several rounds the scores alone are shown.
+        assert len(folders) > 1 or verdicts + "\n" in documented
 
 
 def test_the_study_prints_both_tables() -> None:

@@ -94,6 +94,7 @@ def test_the_label_of_a_pair_is_that_of_the_one_that_leads() -> None:
     assert true_labels(SETS, pair) == {1, 2}
     assert true_label(SETS, 0, probability) == 0
     assert true_labels(SETS, 0) == {0}
+    assert true_labels(SETS, SETS.outside) == {len(SETS.names) + 1}
 
 
 def limits_of(library):

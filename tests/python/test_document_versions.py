@@ -95,6 +95,7 @@ RECORDED: dict[str, str] = {
     "vsr2.diagnosis/13": "5aac583d8067afeb",
     "vsr2.diagnosis/14": "85667c46ee20e6a6",
     "vsr2.diagnosis/15": "c31646b4dfb6c3f2",
+    "vsr2.diagnosis/16": "f4d6ea6063ffeb0e",
     "vsr2.causes/2": "dfb9566fb1750253",
     "vsr2.causes/3": "68182ddb7d70981b",
     "vsr2.causes/4": "e58833a1e94c9c60",

@@ -26,6 +26,7 @@ from vsr2.posterior.naming import (
     NEVER,
     Candidates,
     NamingLimits,
+    VerdictKind,
     candidates,
     decide,
     is_wrong,
@@ -192,7 +193,8 @@ def named_with(stated, right):
         np.arange(stated.size), known, np.ones(stated.size), found, np.zeros((1, 1))
     )
     owners = [(1,) if own else (2,) for own in right]
-    return _naming_limits(judged, owners, np.ones(stated.size), np.eye(3, dtype=bool), 0.5)
+    unresolved = np.ones(stated.size, dtype=bool)
+    return _naming_limits(judged, owners, unresolved, np.eye(3, dtype=bool), 0.5)
 
 
 def test_a_name_needs_the_odds_that_its_cost_asks_for(monkeypatch) -> None:
@@ -235,10 +237,36 @@ def test_sets_hold_the_truth_nine_times_in_ten_whatever_probabilities_claim(shar
     level = _set_level(_before_true(label_probability(one, SETS), MANY.index, SETS), MANY.weight)
     held, size = [], []
     for p, acting in zip(other, MANY.acting, strict=True):
-        labels = label_set(p, SETS, level)
+        labels = label_set(label_probability(p[None], SETS)[0], level)
         wanted = set(1 + np.flatnonzero(acting)) or {0}
         held.append(bool(wanted & set(labels)))
         size.append(len(labels))
     # A thousand campaigns, and as many that set the level.
     assert np.average(held, weights=MANY.weight) == pytest.approx(CALIBRATED.coverage, abs=0.04)
     assert 1 < np.mean(size) < 3
+
+
+def test_sets_hold_nine_in_ten_of_campaigns_with_a_gap_and_of_those_without() -> None:
+    """One level for all would hold more of those without a gap, and less of the others."""
+    levels = levels_of(exact_logs(MANY, 0.5, 3))
+    other = judged_of(exact_logs(MANY, 0.5, 4))
+    index = np.where(other.unknown, SETS.outside, MANY.index[other.row])
+    before = _before_true(other.labels, index, SETS)
+    gap = other.labels[:, 0] < levels.none_limit
+
+    def held(own, level):
+        return np.average(before[own] <= level, weights=other.weight[own])
+
+    # Of 1,362 and 338 campaigns, and as many that set the levels.
+    assert held(gap, levels.gap_set_level) == pytest.approx(CALIBRATED.coverage, abs=0.03)
+    assert held(~gap, levels.none_set_level) == pytest.approx(CALIBRATED.coverage, abs=0.05)
+    common = _set_level(before, other.weight)
+    assert held(gap, common) < CALIBRATED.coverage < held(~gap, common) - 0.04
+
+
+def test_a_set_without_campaigns_that_could_bound_it_holds_all_labels() -> None:
+    nobody = np.zeros(0)
+    assert _set_level(nobody, nobody) == 1.0
+    levels = levels_of(exact_logs(MANY, 1.0, 3))
+    assert levels.set_level(VerdictKind.NONE) == levels.none_set_level
+    assert levels.set_level(VerdictKind.UNKNOWN) == levels.gap_set_level

@@ -12,7 +12,7 @@ from vsr2.analysis.ranks import rank
 from vsr2.coverage.planted_campaigns import Planted
 from vsr2.ensemble.observed.random_streams import Stream, generator
 from vsr2.ensemble.simulated.library import NONE, free_parameters
-from vsr2.posterior.calibration import label_probability, label_set
+from vsr2.posterior.calibration import label_probability
 from vsr2.posterior.sets import Sets
 from vsr2.posterior.training import Found, Posterior
 
@@ -92,15 +92,14 @@ def _judged(posterior: Posterior, one: Planted, found: Found, seed: int) -> Judg
     labels = label_probability(given[None] / given.sum(), sets)[0]
     words = (NONE, *sets.names)
     top = int(labels.argmax())
-    held = label_set(found.probability, sets, posterior.levels.set_level)
     return Judged(
         row=one.row,
         truth="+".join(names) or NONE,
         answer=words[top],
         stated=float(labels[top]),
         right=top == true_label(sets, true, found.probability),
-        held=bool(set(held) & true_labels(sets, true)),
-        size=len(held),
+        held=bool(set(found.held) & true_labels(sets, true)),
+        size=len(found.held),
         ranks=tuple(_ranks(posterior, one, found, seed)),
     )
 
@@ -123,6 +122,8 @@ def true_label(sets: Sets, true: int, probability: Array) -> int:
 
 def true_labels(sets: Sets, true: int) -> set[int]:
     """Labels that are true of a set: of effects that act together, each."""
+    if true == sets.outside:
+        return {len(sets.names) + 1}
     if not sets.members[true].any():
         return {0}
     return {1 + int(i) for i in np.flatnonzero(sets.members[true])}

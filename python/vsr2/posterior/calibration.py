@@ -66,8 +66,9 @@ class Levels:
         none_limit: 5 % point of the probability of none over gap-free campaigns.
         least_name: probability, given a gap, that the name of one cause must have.
         least_together: that of the names of causes that act together.
-        set_level: probability before a label up to which the 90 % sets hold it, so that nine in ten
-            hold a true one, causes outside the library counted.
+        none_set_level: where there is no gap, probability before a label up to which the 90 % sets
+            hold it, so that nine in ten hold a true one, causes outside the library counted.
+        gap_set_level: the same where there is a gap.
         known_held: share of the 90 % sets that hold a true label where the library has the cause.
         wrong, named: of held-out campaigns the share of names that are wrong, and that of campaigns
             which get a name.
@@ -77,7 +78,8 @@ class Levels:
     none_limit: float
     least_name: float
     least_together: float
-    set_level: float
+    none_set_level: float
+    gap_set_level: float
     known_held: float
     wrong: float
     named: float
@@ -87,6 +89,10 @@ class Levels:
     def naming(self) -> NamingLimits:
         """Those of the rule."""
         return NamingLimits(self.none_limit, self.least_name, self.least_together)
+
+    def set_level(self, kind: VerdictKind) -> float:
+        """Probability before a label up to which the 90 % set of such a verdict holds it."""
+        return self.none_set_level if kind is VerdictKind.NONE else self.gap_set_level
 
 
 class HeldOut(Protocol):
@@ -186,35 +192,46 @@ def calibrate(judged: JudgedCampaigns, truth: Truth, fit: Array) -> Levels:
     plain = judged.labels[~truth.acting[judged.row].any(axis=1), 0]
     none_limit = float(np.quantile(plain, CALIBRATED.false_alarms)) if plain.size else 0.5
     owners = [tuple(np.flatnonzero(row).tolist()) for row in acting]
-    chosen, wrong, named = _naming_limits(judged, owners, fit, truth.alike, none_limit)
-    withheld = np.flatnonzero(judged.unknown)
-    unknown = [
-        decide(judged.found[k], chosen, truth.alike, fit=float(fit[k])).kind is VerdictKind.UNKNOWN
-        for k in withheld
-    ]
-    index = np.where(judged.unknown, truth.sets.outside, truth.index[judged.row])
+    kinds = _kinds(judged, truth, fit, NamingLimits(none_limit, NEVER, NEVER))
+    unresolved = kinds == VerdictKind.UNRESOLVED
+    chosen, wrong, named = _naming_limits(judged, owners, unresolved, truth.alike, none_limit)
+    withheld, known = judged.unknown, ~judged.unknown
+    unknown = _kinds(judged, truth, fit, chosen)[withheld] == VerdictKind.UNKNOWN
+    index = np.where(withheld, truth.sets.outside, truth.index[judged.row])
     before = _before_true(judged.labels, index, truth.sets)
-    set_level = _set_level(before, judged.weight)
-    known = ~judged.unknown
-    held = before[known] <= set_level
+    gap = kinds != VerdictKind.NONE
+    of_none, of_gap = (_set_level(before[own], judged.weight[own]) for own in (~gap, gap))
+    held = before <= np.where(gap, of_gap, of_none)
     return Levels(
         none_limit=none_limit,
         least_name=chosen.one,
         least_together=chosen.together,
-        set_level=set_level,
-        known_held=float(np.average(held, weights=judged.weight[known])),
+        none_set_level=of_none,
+        gap_set_level=of_gap,
+        known_held=float(np.average(held[known], weights=judged.weight[known])),
         wrong=wrong,
         named=named,
         detection_rate=float(np.average(unknown, weights=judged.weight[withheld]))
-        if unknown
+        if unknown.size
         else 0.0,
     )
+
+
+def _kinds(
+    judged: JudgedCampaigns, truth: Truth, fit: Array, limits: NamingLimits
+) -> NDArray[np.str_]:
+    """What the verdicts of campaigns are, shape (judged,)."""
+    said = [
+        decide(one, limits, truth.alike, fit=float(own)).kind
+        for one, own in zip(judged.found, fit, strict=True)
+    ]
+    return np.array(said, dtype=np.str_)
 
 
 def _naming_limits(
     judged: JudgedCampaigns,
     owners: Sequence[tuple[int, ...]],
-    fit: Array,
+    unresolved: Bools,
     alike: Bools,
     none_limit: float,
 ) -> tuple[NamingLimits, float, float]:
@@ -226,25 +243,20 @@ def _naming_limits(
     Args:
         judged: campaigns that no network saw.
         owners: effects of the library that act in each.
-        fit: tail probability of each among those without effect, shape (judged,).
+        unresolved: those that names are sought for, shape (judged,).
         alike: effects declared alike, shape (effects, effects).
         none_limit: as it is chosen.
 
     Returns:
         The limits; of the campaigns the shares that they name wrongly, of those named, and name.
     """
-    asked = NamingLimits(none_limit, np.inf, np.inf)
     found, weight = judged.found, judged.weight
-    open_ = [
-        decide(one, asked, alike, fit=float(own)).kind is VerdictKind.UNRESOLVED
-        for one, own in zip(found, fit, strict=True)
-    ]
 
     def said_by(name: Callable[[Candidates], Naming | None]) -> Array:
         """Whether a campaign is named, wrongly, and what the name gains, shape (3, n)."""
         out = np.zeros((3, len(found)))
         for k, (one, own) in enumerate(zip(found, owners, strict=True)):
-            said = name(one) if open_[k] else None
+            said = name(one) if unresolved[k] else None
             if said is not None and said.kind.names_effects:
                 out[:, k] = 1.0, is_wrong(said, own), _gain(said, own)
         return out * weight
@@ -304,22 +316,30 @@ def _set_level(before: Array, weight: Array) -> float:
     """Probability down to which sets of labels must reach to hold nine of ten truths.
 
     Conformal (Y. Romano, M. Sesia, E. Candes, "Classification with valid and adaptive coverage",
-    2020; there the true label counts in part, by chance). The campaign that is asked about counts
-    as one more, whose truth no set holds.
+    2020; there the true label counts in part, by chance). Campaigns with a gap have a level of
+    their own, and so have those without: what is stated then holds of either (V. Vovk, "Conditional
+    validity of inductive conformal predictors", 2013). The campaign that is asked about counts as
+    one more, whose truth no set holds.
 
     Args:
         before: of held-out campaigns, probability held by the labels before a true one, shape (n,).
         weight: of each campaign, shape (n,).
     """
+    if not before.size:
+        return 1.0
     sequence = np.argsort(before)
     total = np.cumsum(weight[sequence]) / (weight.sum() + weight.mean())
     last = np.searchsorted(total, CALIBRATED.coverage)
     return float(before[sequence][last]) if last < total.size else 1.0
 
 
-def label_set(probability: Array, sets: Sets, level: float) -> tuple[int, ...]:
-    """Labels of the 90 % set, most probable first: 0 none, 1 to n effects, n + 1 outside."""
-    labels = label_probability(probability[None], sets)[0]
+def label_set(labels: Array, level: float) -> tuple[int, ...]:
+    """Labels of the 90 % set, most probable first: 0 none, 1 to n effects, n + 1 outside.
+
+    Args:
+        labels: probability of each, shape (effects + 2,).
+        level: probability before a label up to which the set holds it.
+    """
     order = np.argsort(-labels, kind="stable")
     before = np.cumsum(labels[order]) - labels[order]
     return tuple(int(i) for i in order[before <= level + 1e-12])

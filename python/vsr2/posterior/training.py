@@ -17,7 +17,14 @@ from vsr2.ensemble.simulated.library import Library
 from vsr2.ensemble.simulated.linear_algebra import blocks, one_blas_thread
 from vsr2.errors import DiagnosisError
 from vsr2.one_line import counted
-from vsr2.posterior.calibration import JudgedCampaigns, Levels, calibrate, pooled
+from vsr2.posterior.calibration import (
+    JudgedCampaigns,
+    Levels,
+    calibrate,
+    label_probability,
+    label_set,
+    pooled,
+)
 from vsr2.posterior.discrepancy import Disturbance
 from vsr2.posterior.discrepancy_size import DiscrepancyInterval, DiscrepancySize
 from vsr2.posterior.goodness_of_fit import misfit, misfits_by, tail_probability
@@ -47,6 +54,7 @@ class Found:
         fit: tail probability of the campaign among simulated ones without effect.
         discrepancy: by how much it differs beyond contact models.
         naming: what is said.
+        held: labels of the 90 % set, see :func:`label_set`.
     """
 
     probability: Array
@@ -55,6 +63,7 @@ class Found:
     fit: float
     discrepancy: DiscrepancyInterval
     naming: Naming
+    held: tuple[int, ...]
 
 
 @dataclass(frozen=True, eq=False)
@@ -114,7 +123,9 @@ class Posterior:
             fit=fit,
         )
         differs = self.discrepancy.interval(self.within.inputs(summaries)[0])
-        return Found(probability, residuals[0], summaries[0], fit, differs, said)
+        labels = label_probability(probability[None], self.sets)[0]
+        held = label_set(labels, self.levels.set_level(said.kind))
+        return Found(probability, residuals[0], summaries[0], fit, differs, said, held)
 
     def with_references(self, references: Sequence[Found]) -> Posterior:
         """The same, where campaigns that have no effect are known.

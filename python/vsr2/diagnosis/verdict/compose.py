@@ -29,7 +29,6 @@ from vsr2.effects import Parameter
 from vsr2.ensemble.observed.observations import Observations
 from vsr2.ensemble.observed.random_streams import Stream, generator
 from vsr2.ensemble.simulated.library import NONE, UNKNOWN, free_parameters, is_angle
-from vsr2.posterior.calibration import label_set
 from vsr2.posterior.training import Found, Posterior
 
 Array = NDArray[np.float64]
@@ -105,9 +104,7 @@ def compose(seen: Observations, evidence: Evidence, provenance: Mapping[str, Any
             "probability": float(found.probability[-1]),
             "detection_rate": posterior.levels.detection_rate,
         },
-        "conformal_set_90": [
-            labels[i] for i in label_set(found.probability, sets, posterior.levels.set_level)
-        ],
+        "conformal_set_90": [labels[i] for i in found.held],
         "waterfall": None if falls is None else falls.to_json(),
         "negative_control": {
             name: {

@@ -223,7 +223,8 @@ class _Posterior(SchemaPart):
     none_limit: Share
     least_name: Share
     least_together: Share
-    set_level: Share
+    none_set_level: Share
+    gap_set_level: Share
     known_held: Share
     wrong: Share
     named: Share

@@ -20,7 +20,7 @@ from vsr2.results.atomic import csv_text, write_text
 if TYPE_CHECKING:
     import arviz
 
-Schema = Literal["vsr2.diagnosis/15"]
+Schema = Literal["vsr2.diagnosis/16"]
 SCHEMA: Schema = get_args(Schema)[0]
 FILE = "diagnosis.json"
 PAGE_FILE = "index.html"
