@@ -148,15 +148,18 @@ def test_trials_specimens_and_effects_that_are_not_used_are_stated(folder, tmp_p
         (["--prior", "table_gain.change=normal:0:2"], "it can be simulated from -0.9 to 5"),
         (["--prior", "friction.factor=loguniform:-1:1"], "friction.factor"),
         (["--prior", "table_gian.change=0:1"], "no effect 'table_gian'"),
-        (["--prior", "table_gain.chnage=0:1"], "has no parameter 'chnage'"),
+        (
+            ["--prior", "table_gain.chnage=0:1"],
+            "priors.table_gain.chnage: has no parameter",
+        ),
         (["--prior", "table_gain.change=-2:1"], "it can be simulated from -0.9 to 5"),
-        (["--prior", "table_gain.change=1:0"], "a prior from 1 to 0"),
+        (["--prior", "table_gain.change=1:0"], "a prior from 1 to 0; give the lower end first"),
         (
             ["--prior", "table_gain.change=-0.3:0.1", "--prior", "table_gain.change=normal:0:0.1"],
             "--prior table_gain.change=normal:0:0.1: table_gain.change has -0.3:0.1 already; give",
         ),
         (["--exclude", "bogus"], "no effect 'bogus'"),
-        (["--prior", "friction.factor=0:1"], "effects.friction.factor: parameter 'factor': a"),
+        (["--prior", "friction.factor=0:1"], "priors.friction.factor: parameter 'factor': a"),
         (["--nuisance", "frction=0.1"], "did you mean friction?"),
         (["--nuisance", "shine=0.1"], "names are slenderness, inertia,"),
         (["--nuisance", "friction=-1"], "give NAME=SD with a number of 0 or more"),
@@ -168,6 +171,11 @@ def test_trials_specimens_and_effects_that_are_not_used_are_stated(folder, tmp_p
         (["--budget-minutes", "inf"], "budget_minutes is inf; give a finite number"),
         (["--budget-minutes", "nan"], "budget_minutes is nan; give a finite number"),
         (["--simulations", "0"], "simulations is 0; give at least 1"),
+        (
+            ["--prior", "friction.factor=0.5:2", "--exclude", "friction"],
+            "--prior friction.factor: its effect is not looked for (--exclude); leave one of them",
+        ),
+        (["--campaign-trials", "5000"], "campaign_trials is 5000; the campaign has"),
     ],
 )
 def test_what_cannot_be_used_is_refused_before_any_work(

@@ -67,7 +67,7 @@ def diagnose(
     check_study_effects(study.effects, study.name if isinstance(scene, Study) else scene)
     seen = observe_campaign(given, tier)
     simulator = scene_simulator(seen, study, hypotheses, execution, seed)
-    _check_budget(budget, simulator, execution)
+    _check_budget(budget, simulator, execution, len(seen))
     folder = None if out is None else _own_folder(Path(out), simulator, seen, hypotheses)
     if execution.cache is not None:
         made_folder(execution.cache.folder)
@@ -106,8 +106,15 @@ def diagnose(
     return found
 
 
-def _check_budget(budget: Budget, simulator: SceneSimulator, execution: Execution) -> None:
+def _check_budget(
+    budget: Budget, simulator: SceneSimulator, execution: Execution, trials: int
+) -> None:
     """Refuse a budget that this work cannot have."""
+    if budget.trials is not None and budget.trials > trials:
+        raise DiagnosisError(
+            f"campaign_trials is {budget.trials}; the campaign has {trials} trials: give at most "
+            "so many, or leave it out for all"
+        )
     if budget.cpu_minutes is not None and execution.client is not None:
         raise DiagnosisError(
             "budget_cpu_minutes counts processor time of this process, and a cluster's workers are "

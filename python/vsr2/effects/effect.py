@@ -241,6 +241,11 @@ class Effect:
         """
         old = self.parameter(name)
         low, high = old.limits or (old.lower, old.upper)
+        if lower > upper:
+            raise ConfigError(
+                f"a prior from {lower:g} to {upper:g}; give the lower end first",
+                key=f"effects.{self.name}.{name}",
+            )
         if not low <= lower <= upper <= high:
             raise ConfigError(
                 f"a prior from {lower:g} to {upper:g}; it can be simulated from {low:g} to "

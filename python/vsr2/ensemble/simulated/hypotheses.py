@@ -14,7 +14,7 @@ from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY
 from vsr2.ensemble.simulated.distributions import Distribution, LogUniform, Normal, Uniform
 from vsr2.ensemble.simulated.nuisance_rules import assert_together
 from vsr2.ensemble.simulated.nuisances import DEFAULT_NUISANCES, Nuisance
-from vsr2.errors import DiagnosisError
+from vsr2.errors import ConfigError, DiagnosisError
 from vsr2.near_words import offer
 from vsr2.one_line import OnlyGiven
 
@@ -90,9 +90,12 @@ class Hypotheses(OnlyGiven):
         out = dict(known_effects() if self.library is None else self.library)
         for key, prior in self.priors.items():
             name, _, parameter = key.partition(".")
-            own = out[name] if name in out else effect(name)
             lower, upper, shape = _ends(key, prior)
-            out[name] = own.with_prior(parameter, lower, upper, shape)
+            try:
+                own = out[name] if name in out else effect(name)
+                out[name] = own.with_prior(parameter, lower, upper, shape)
+            except ConfigError as error:
+                raise ConfigError(error.message, key=f"priors.{key}") from None
         unknown = sorted(set(self.exclude) - set(out))
         if unknown:
             raise DiagnosisError(
