@@ -43,7 +43,7 @@ from vsr2.ensemble.observed.observations import Observations
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.campaigns import Campaigns, draw_set
 from vsr2.ensemble.simulated.library import free_parameters, primary_parameters, sides, values_at
-from vsr2.ensemble.simulated.look import Limit
+from vsr2.ensemble.simulated.look import Limit, tried_parameters
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import HALF_STEP, Effects, Request
 from vsr2.posterior import network
@@ -109,7 +109,7 @@ def diagnosed(campaign: Campaign, study: Study, threads: int, campaigns: int) ->
 def made_up(campaigns: int, trials: int, most: int) -> tuple[Observations, Campaigns]:
     """An observed campaign and simulated ones, whose responses are linear in what acts."""
     known, rng = library(), np.random.default_rng(0)
-    limits = {(name, side): LIMIT for name, effect in known.items() for side in sides(effect)}
+    limits = dict.fromkeys(tried_parameters(known), LIMIT)
     sets = tuple(draw_set(known, limits, i, 0, most) for i in range(campaigns))
     names = list(known)
     size = np.zeros((campaigns, len(names)))

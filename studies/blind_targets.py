@@ -2,9 +2,9 @@
 
     python studies/blind_targets.py docs/results/blind_validation_5 [MORE ...]
 
-Reads results folders of `blind_check.py --score` (:mod:`blind_results`); campaigns of several rounds
-are taken together. Scores are given at tiers
-B / M / T, by engine, with the number of campaigns in parentheses; where tiers differ, one a tier.
+Reads results folders of `blind_check.py --score` (:mod:`blind_results`); campaigns of several
+rounds are taken together. Scores are given at tiers B / M / T, by engine, with the number of
+campaigns in parentheses; where tiers differ, one a tier.
 Shares have their exact 95 % interval in brackets. The second table counts what the verdicts of both
 engines came to.
 """

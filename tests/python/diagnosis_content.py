@@ -139,7 +139,7 @@ CONTENT = {
             "state": "sufficient", "simulations": 9, "allowed": 10, "cost_s": 0.1, "simulated": 9,
             "reused": 0, "campaigns": 2000, "trials": 150,
         },
-        "detection_limits": {"wear +": 0.1},
+        "detection_limits": {"wear.loss +": 0.1},
         "constants": {"look": {"trials": 40}},
         "excluded": [],
         "references": [],

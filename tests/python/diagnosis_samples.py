@@ -53,16 +53,18 @@ class LinearSimulator:
         nuisance: change by one nuisance of unit variance.
         scatter: of single trials.
         seed: of nuisance and scatter.
+        library: that has the effects.
     """
 
     variants = ()
     nuisance_names = ("z",)
 
     def __init__(
-        self, slopes, *, trials=40, base=(-3.0, -3.0), nuisance=0.0, scatter=SCATTER, seed=0
-    ):
+        self, slopes, *, trials=40, base=(-3.0, -3.0), nuisance=0.0, scatter=SCATTER, seed=0,
+        library=PLANAR_LIBRARY,
+    ):  # fmt: skip
         self.slopes = slopes
-        self.library = {name: PLANAR_LIBRARY[name] for name in slopes}
+        self.library = {name: library[name] for name in slopes}
         self.identity = f"linear {seed}"
         self._base = np.linspace(*base, trials)
         self._nuisance, self._scatter, self._seed = nuisance, scatter, seed

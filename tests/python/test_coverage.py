@@ -21,7 +21,7 @@ from vsr2.diagnosis.verdict.document import CHECK_FIGURE, CHECK_FILES
 from vsr2.ensemble import ProtocolCache
 from vsr2.ensemble.observed.observations import observe_campaign
 from vsr2.ensemble.simulated.campaigns import draw_set
-from vsr2.ensemble.simulated.look import Limit
+from vsr2.ensemble.simulated.look import Limit, tried_parameters
 from vsr2.errors import DiagnosisError
 from vsr2.posterior.calibration import label_probability
 from vsr2.posterior.parameters import Parameters
@@ -98,7 +98,7 @@ def test_the_label_of_a_pair_is_that_of_the_one_that_leads() -> None:
 
 
 def limits_of(library):
-    return {(name, side): Limit(0.1, False) for name in library for side in (-1, 1)}
+    return dict.fromkeys(tried_parameters(library), Limit(0.1, False))
 
 
 def test_planted_causes_come_in_the_shares_of_the_prior() -> None:

@@ -274,8 +274,8 @@ def test_what_is_written_are_the_numbers_of_the_posterior(found) -> None:
     for name, key in (("before", "loss_before"), ("after", "loss_after"), ("floor", "floor")):
         assert np.mean([row[key] for row in rows]) == pytest.approx(gap[name]["value"])
     limits = content["provenance"]["detection_limits"]
-    assert set(limits) == {"table_gain -", "table_gain +", "com_offset -", "com_offset +",
-                           "wear +", "catch +"}  # fmt: skip
+    assert set(limits) == {"table_gain.gain -", "table_gain.gain +", "com_offset.offset -",
+                           "com_offset.offset +", "wear.loss +", "catch.slack +"}  # fmt: skip
     assert content["posterior"]["campaigns"] == CAMPAIGNS + 48
 
 

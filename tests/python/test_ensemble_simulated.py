@@ -26,7 +26,16 @@ from vsr2.ensemble.simulated.campaigns import (
 )
 from vsr2.ensemble.simulated.contact_family import CONTACT_FAMILY, AlternativeContact
 from vsr2.ensemble.simulated.library import free_parameters, primary_parameters, sides, values_at
-from vsr2.ensemble.simulated.look import LOOK, Limit, look, most_tried, spread
+from vsr2.ensemble.simulated.look import (
+    LOOK,
+    Limit,
+    limits_at,
+    look,
+    most_tried,
+    spread,
+    tried_parameters,
+    tries,
+)
 from vsr2.ensemble.simulated.scene_simulator import SceneSimulator
 from vsr2.ensemble.simulated.simulator import Request
 from vsr2.simulation import check_trials
@@ -71,7 +80,7 @@ def test_the_limit_of_a_linear_effect_is_three_deviations_of_the_campaign() -> N
     # At a share s each of forty trials moves by 4 s deviations: 3 = 4 s sqrt(40).
     found = limits_of({"wear": loss(4.0)})
     assert found.responding.tolist() == list(range(40))
-    limit = found.limits["wear", 1]
+    limit = found.limits["wear", "loss", 1]
     # Two draws each, of equal noise with and without the effect; scatters of 48 draws.
     assert limit.share == pytest.approx(LOOK.signal / 4 / np.sqrt(40), rel=0.1)
     assert not limit.jumps
@@ -79,7 +88,7 @@ def test_the_limit_of_a_linear_effect_is_three_deviations_of_the_campaign() -> N
 
 def test_what_a_nuisance_does_too_is_seen_the_less() -> None:
     """A nuisance that moves all trials as the effect does, by as much as they scatter."""
-    limit = limits_of({"wear": loss(4.0)}, nuisance=SCATTER).limits["wear", 1]
+    limit = limits_of({"wear": loss(4.0)}, nuisance=SCATTER).limits["wear", "loss", 1]
     # In units of sqrt(2) scatters the nuisance is 1 / sqrt(2) for all, known from 48 draws to a
     # variance of 1 / 2 / 48: by the Sherman-Morrison formula 40 changes c have this signal.
     squared = 40 - (40 / 2) * 40 / (1 + 40 / 2 * (1 + 1 / 48))
@@ -89,7 +98,7 @@ def test_what_a_nuisance_does_too_is_seen_the_less() -> None:
     signs = np.where(np.arange(40) % 2, 1.0, -1.0)
     other = limits_of({"wear": lambda values: signs * loss(4.0)(values)}, nuisance=SCATTER)
     expected = LOOK.signal * np.sqrt(2) / 4 / np.sqrt(40)
-    assert other.limits["wear", 1].share == pytest.approx(expected, rel=0.15)
+    assert other.limits["wear", "loss", 1].share == pytest.approx(expected, rel=0.15)
 
 
 def test_each_side_has_a_limit_of_its_own() -> None:
@@ -98,8 +107,8 @@ def test_each_side_has_a_limit_of_its_own() -> None:
         return SCATTER * (25 * share if share > 0 else 5 * share)
 
     limits = limits_of({"table_gain": gain}).limits
-    assert limits["table_gain", -1].share == pytest.approx(
-        5 * limits["table_gain", 1].share, rel=0.1
+    assert limits["table_gain", "gain", -1].share == pytest.approx(
+        5 * limits["table_gain", "gain", 1].share, rel=0.1
     )
 
 
@@ -114,11 +123,11 @@ def test_effects_jump_or_are_never_seen() -> None:
     )
     limits = found.limits
     for side in (-1, 1):
-        assert limits["restitution", side] == Limit(LOOK.shares[-1], jumps=True)
+        assert limits["restitution", "energy_ratio", side] == Limit(LOOK.shares[-1], jumps=True)
     # A hundredth of a deviation at its end: 3 / (0.01 sqrt(40)) times as much is wanted.
-    assert limits["wear", 1].share == pytest.approx(300 / np.sqrt(40), rel=0.1)
-    assert limits["edge_rounding", 1].share == pytest.approx(10 / np.sqrt(40), rel=0.1)
-    assert limits["rolling_resistance", 1].share > 1000
+    assert limits["wear", "loss", 1].share == pytest.approx(300 / np.sqrt(40), rel=0.1)
+    assert limits["edge_rounding", "radius", 1].share == pytest.approx(10 / np.sqrt(40), rel=0.1)
+    assert limits["rolling_resistance", "arm", 1].share > 1000
     library = {name: PLANAR_LIBRARY[name] for name in ("wear", "restitution", "edge_rounding",
                                                        "rolling_resistance")}  # fmt: skip
     # An effect of which the end of its range has 0.4 limits or more is simulated.
@@ -129,7 +138,7 @@ def test_overturning_counts_as_a_tilt_of_one_radian() -> None:
     """Rocks at -1, which all fall beside the null: as a change by 1, clipped at three scatters."""
     found = limits_of({"wear": lambda values: 5.0 if values[0] > 0.01 else 0.0}, base=(-1.0, -1.0))
     # It sets in between a sixteenth of the range, 0.0094, and a quarter of it.
-    assert 1 / 16 < found.limits["wear", 1].share < 1 / 4
+    assert 1 / 16 < found.limits["wear", "loss", 1].share < 1 / 4
     higher = limits_of({"wear": lambda values: 40.0 * (values[0] > 0.01)}, base=(-1.0, -1.0))
     assert higher.limits == found.limits
 
@@ -147,7 +156,7 @@ def test_fewer_trials_look_for_all_of_them() -> None:
     few = LinearSimulator({"wear": loss(4.0)}, trials=40)
     with SimulationCache(few) as cache:
         found = look(cache, 40, most=12)
-    assert found.limits["wear", 1].share == pytest.approx(3 / 4 / np.sqrt(40), rel=0.15)
+    assert found.limits["wear", "loss", 1].share == pytest.approx(3 / 4 / np.sqrt(40), rel=0.15)
     # Two draws of twelve trials at six sizes, and those without effect.
     assert few.runs == 2 * 12 * len(LOOK.shares) + 40 * LOOK.plain
 
@@ -157,7 +166,7 @@ def test_trials_that_are_not_run_are_as_if_there_were_none() -> None:
     with SimulationCache(few) as cache:
         found = look(cache, 40, among=20)
     # The signal is of twenty trials in place of forty.
-    assert found.limits["wear", 1].share == pytest.approx(3 / 4 / np.sqrt(20), rel=0.15)
+    assert found.limits["wear", "loss", 1].share == pytest.approx(3 / 4 / np.sqrt(20), rel=0.15)
     # A first draw of all, and the rest of the look of twenty.
     assert few.runs == 20 + (2 * len(LOOK.shares) + LOOK.plain) * 20
     np.testing.assert_array_equal(found.spread(500), found.responding)
@@ -195,7 +204,7 @@ def test_a_trial_that_flips_by_chance_moves_a_limit_by_one_step_at_most() -> Non
         return loss(4.0)(values) + 20 * SCATTER * first * (0.01 < share < 0.02)
 
     steady, flipped = (
-        limits_of({"wear": act}, trials=240).limits["wear", 1] for act in (loss(4.0), lossy)
+        limits_of({"wear": act}, trials=240).limits["wear", "loss", 1] for act in (loss(4.0), lossy)
     )
     assert steady.share == pytest.approx(LOOK.signal / 4 / np.sqrt(240), rel=0.15)
     # Shares are four apart. A largest signal so far would put it at 0.005.
@@ -215,12 +224,12 @@ def test_a_quarter_of_many_trials_is_tried() -> None:
 
 
 LIMITS = {
-    ("table_gain", -1): Limit(0.05, jumps=False),
-    ("table_gain", 1): Limit(0.5, jumps=False),
-    ("restitution", -1): Limit(0.001, jumps=True),
-    ("restitution", 1): Limit(4.0, jumps=False),
-    ("wear", 1): Limit(2.6, jumps=False),
-    ("catch", 1): Limit(0.02, jumps=False),
+    ("table_gain", "gain", -1): Limit(0.05, jumps=False),
+    ("table_gain", "gain", 1): Limit(0.5, jumps=False),
+    ("restitution", "energy_ratio", -1): Limit(0.001, jumps=True),
+    ("restitution", "energy_ratio", 1): Limit(4.0, jumps=False),
+    ("wear", "loss", 1): Limit(2.6, jumps=False),
+    ("catch", "slack", 1): Limit(0.02, jumps=False),
 }
 
 FOUR = {name: PLANAR_LIBRARY[name] for name in ("table_gain", "restitution", "wear", "catch")}
@@ -250,7 +259,7 @@ def test_sizes_are_log_uniform_in_detection_limits() -> None:
     gains = [draw_acting(FOUR, "table_gain", LIMITS, rng) for _ in range(2000)]
     for side, most in ((-1, SET_PRIOR.most), (1, 2.0)):
         sizes = np.array([one.size for one in gains if one.side == side])
-        end = 1 / LIMITS["table_gain", side].share
+        end = 1 / LIMITS["table_gain", "gain", side].share
         beyond = sizes > most * (1 + 1e-9)
         if end > most:
             # Some of a thousand, log-uniform as well, to the end of the range.
@@ -267,7 +276,7 @@ def test_sizes_are_log_uniform_in_detection_limits() -> None:
         assert log.mean() == pytest.approx((low + high) / 2, abs=3 * (high - low) / np.sqrt(12e3))
         assert log.std() == pytest.approx((high - low) / np.sqrt(12), rel=0.06)
     for one in gains:
-        limit = LIMITS["table_gain", one.side].share
+        limit = LIMITS["table_gain", "gain", one.side].share
         assert one.values[0] == pytest.approx(one.side * one.size * limit * 0.15)
     jumps = [draw_acting(FOUR, "restitution", LIMITS, rng) for _ in range(300)]
     assert {one.side for one in jumps} == {-1}, "the other side reaches 0.4 limits nowhere"
@@ -276,20 +285,63 @@ def test_sizes_are_log_uniform_in_detection_limits() -> None:
     assert 0.7 < shares.max() <= 1.0
 
 
-def test_one_of_two_primary_parameters_may_act_alone() -> None:
+def test_one_of_two_primary_parameters_acts_alone_in_half_of_the_draws() -> None:
     rule = {"outcome_rule": PLANAR_LIBRARY["outcome_rule"]}
-    limits = {("outcome_rule", 1): Limit(0.1, jumps=False)}
+    limits = {
+        ("outcome_rule", "tilt", 1): Limit(0.1, jumps=False),
+        ("outcome_rule", "flips", 1): Limit(0.02, jumps=False),
+    }
     rng = np.random.default_rng(1)
-    values = np.array([draw_acting(rule, "outcome_rule", limits, rng).values for _ in range(1000)])
-    at_null = np.column_stack([np.isinf(values[:, 0]), values[:, 1] == 0])
+    drawn = [draw_acting(rule, "outcome_rule", limits, rng) for _ in range(1000)]
+    tilt, flips = np.array([one.values for one in drawn]).T
+    at_null = np.column_stack([np.isinf(tilt), flips == 0])
     assert not at_null.all(axis=1).any()
-    # Either carries the size half the time, and the other is then missing in so many.
+    # Either carries the size half the time, and the other is then missing in half of these.
     np.testing.assert_allclose(at_null.mean(axis=0), SET_PRIOR.alone / 2, atol=0.04)
+    # Sizes are in the limits of the parameter that carries them: 0.02 of 0.03.
+    sizes = np.array([one.size for one in drawn])
+    of_flips = flips / 0.03 / 0.02
+    np.testing.assert_allclose(sizes[at_null[:, 0]], of_flips[at_null[:, 0]])
+    assert (sizes >= of_flips * (1 - 1e-9)).all()
+    both = ~at_null.any(axis=1)
+    carried = np.isclose(sizes, of_flips)[both]
+    assert carried.mean() == pytest.approx(0.5, abs=0.07)
+
+
+def test_a_parameter_that_shows_nowhere_carries_no_size() -> None:
+    rule = {"outcome_rule": PLANAR_LIBRARY["outcome_rule"]}
+    limits = {
+        ("outcome_rule", "tilt", 1): Limit(30.0, jumps=False),
+        ("outcome_rule", "flips", 1): Limit(0.02, jumps=False),
+    }
+    rng = np.random.default_rng(1)
+    assert insensitive(rule, limits) == ()
+    flips = [draw_acting(rule, "outcome_rule", limits, rng).values[1] for _ in range(200)]
+    assert min(flips) >= SET_PRIOR.least * 0.02 * 0.03 * (1 - 1e-9)
+
+
+def test_the_look_tries_each_parameter_alone() -> None:
+    """One with one side alone has one limit, which both sides of the effect take."""
+    effect = full_library()["registration"]
+
+    def turned(values):
+        yaw, lean, _ = values
+        return SCATTER * (20 * max(yaw, 0.0) / 180 + 5 * max(-yaw, 0.0) / 180 + 40 * lean / 3)
+
+    simulator = LinearSimulator({"registration": turned}, library=full_library())
+    with SimulationCache(simulator) as cache:
+        found = look(cache, 40).limits
+    assert list(found) == list(tried_parameters(simulator.library))
+    one, other = (limits_at(found, effect, side) for side in (-1, 1))
+    assert one[0].share == pytest.approx(4 * other[0].share, rel=0.1)
+    assert one[1] is other[1]
+    assert one[1].share == pytest.approx(0.5 * other[0].share, rel=0.1)
+    assert simulator.runs == tries(simulator.library) * 40 + 40 * LOOK.plain
 
 
 def test_a_prior_that_is_meant_as_it_stands_is_drawn_over_its_full_range() -> None:
     effects = {"registration": full_library()["registration"]}
-    limits = {("registration", side): Limit(0.01, jumps=False) for side in (-1, 1)}
+    limits = dict.fromkeys(tried_parameters(effects), Limit(0.01, jumps=False))
     rng = np.random.default_rng(2)
     count = 4000
     drawn = [draw_acting(effects, "registration", limits, rng) for _ in range(count)]
@@ -297,14 +349,16 @@ def test_a_prior_that_is_meant_as_it_stands_is_drawn_over_its_full_range() -> No
     # The largest size in limits is a share of the range; uniform draws lie beyond in all but that.
     share = SET_PRIOR.most * 0.01
     beyond = np.abs(yaw) > share * 180
-    expected = SET_PRIOR.prior_share * (1 - share)
+    # It is at its null where the lean acts alone.
+    moved = 1 - SET_PRIOR.alone / 2
+    expected = moved * SET_PRIOR.prior_share * (1 - share)
     assert beyond.mean() == pytest.approx(expected, abs=3 * 0.5 / np.sqrt(count))
     quartiles = np.quantile(np.abs(yaw[beyond]), [0.25, 0.5, 0.75])
     wanted = 180 * (share + (1 - share) * np.array([0.25, 0.5, 0.75]))
     np.testing.assert_allclose(quartiles, wanted, atol=9)
     assert {int(np.sign(one)) for one in yaw[beyond]} == {-1, 1}
-    # What else the effect has stays within the sizes that a campaign just shows.
-    assert lean.max() <= share * 3.0 + 1e-9
+    # What else the effect has beside it stays within the sizes that a campaign just shows.
+    assert 0 < lean[yaw != 0].max() <= share * 3.0 + 1e-9
     for one, turn, leaning in zip(drawn, yaw, lean, strict=True):
         assert one.side == (np.sign(turn) or one.side)
         assert one.size == pytest.approx(max(abs(turn) / 180, leaning / 3) / 0.01)

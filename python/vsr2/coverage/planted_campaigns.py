@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Iterator, Mapping
+from collections.abc import Collection, Iterator
 from dataclasses import dataclass
 
 import numpy as np
@@ -10,8 +10,8 @@ import numpy as np
 from vsr2.config.seeds import checked_seed
 from vsr2.ensemble.observed.random_streams import Stream, generator
 from vsr2.ensemble.simulated.campaigns import Acting, draw_set, insensitive
-from vsr2.ensemble.simulated.library import Library, Side
-from vsr2.ensemble.simulated.look import Limit
+from vsr2.ensemble.simulated.library import Library
+from vsr2.ensemble.simulated.look import Limits
 from vsr2.errors import DiagnosisError
 from vsr2.posterior.truth import PRIOR
 
@@ -34,7 +34,7 @@ class Planted:
 
 def draw_planted(
     library: Library,
-    limits: Mapping[tuple[str, Side], Limit],
+    limits: Limits,
     count: int,
     *,
     most: int,
@@ -75,7 +75,7 @@ def draw_planted(
 
 def _of_size(
     library: Library,
-    limits: Mapping[tuple[str, Side], Limit],
+    limits: Limits,
     size: int,
     most: int,
     shown: Collection[str],

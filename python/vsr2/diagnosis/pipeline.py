@@ -184,8 +184,8 @@ def _noted(
         "held_out": held_out,
         "budget": spent,
         "detection_limits": {
-            f"{name} {'+' if side > 0 else '-'}": limit.share
-            for (name, side), limit in found.limits.items()
+            f"{name}.{parameter} {'+' if side > 0 else '-'}": limit.share
+            for (name, parameter, side), limit in found.limits.items()
         },
         "simulator": simulator.identity,
         "nuisances": list(simulator.nuisance_names),

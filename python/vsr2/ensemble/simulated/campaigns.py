@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.effects import Effect
 from vsr2.ensemble.observed.random_streams import Stream, generator
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.hypotheses import HYPOTHESIS
@@ -20,7 +21,7 @@ from vsr2.ensemble.simulated.library import (
     sides,
     values_at,
 )
-from vsr2.ensemble.simulated.look import LOOK, Limit, Look
+from vsr2.ensemble.simulated.look import LOOK, Limits, Look, limits_at
 from vsr2.ensemble.simulated.simulator import Effects, Request
 
 Array = NDArray[np.float64]
@@ -39,7 +40,7 @@ class SetPrior:
         beyond: share of draws whose size lies beyond these, log-uniform to the prior's end, so that
             the largest are known, too.
         least_share: of an effect's range, where it jumps beside its null.
-        alone: probability that a primary parameter beside another stays at its null.
+        alone: share of an effect's draws in which one of its primary parameters acts alone.
         prior_share: of an effect's draws in which parameters whose full range counts come from
             their prior as it stands, instead of a size in detection limits.
     """
@@ -51,7 +52,7 @@ class SetPrior:
     most: float = 16.0
     beyond: float = 0.2
     least_share: float = 1 / 256
-    alone: float = 0.35
+    alone: float = 0.5
     prior_share: float = 0.5
 
     def sizes(self, most: int) -> tuple[float, ...]:
@@ -149,53 +150,69 @@ class Campaigns:
         return np.array([not acting for acting in self.sets])
 
 
-def insensitive(library: Library, limits: Mapping[tuple[str, Side], Limit]) -> tuple[str, ...]:
+def insensitive(library: Library, limits: Limits) -> tuple[str, ...]:
     """Effects that reach less than the least size anywhere: campaigns do not show them."""
     return tuple(
         name
         for name, effect in library.items()
-        if all(limits[name, side].share * SET_PRIOR.least > 1 for side in sides(effect))
+        if not any(_reached(limits, effect, side).any() for side in sides(effect))
     )
+
+
+def _reached(limits: Limits, effect: Effect, side: Side) -> NDArray[np.bool_]:
+    """Which primary parameters reach the least size on a side, shape (parameters,)."""
+    return np.array([x.share * SET_PRIOR.least <= 1 for x in limits_at(limits, effect, side)])
 
 
 def draw_acting(
     library: Library,
     name: str,
-    limits: Mapping[tuple[str, Side], Limit],
+    limits: Limits,
     rng: np.random.Generator,
 ) -> Acting:
     """An effect on either side of its null, at a size that is log-uniform in detection limits.
 
-    Some draws are larger, up to the prior's end: see `SET_PRIOR.beyond`. Parameters whose full
-    range counts (`Parameter.full_range`) come from their prior as it stands in half of the draws
-    instead. The size is then that of the parameter farthest from its null.
+    One of its primary parameters carries the size, of those that reach the least one. It acts alone
+    in a part of the draws, see `SET_PRIOR.alone`; in others each further one has a part of the
+    size, in its own detection limits. Some draws are larger, up to the prior's end: see
+    `SET_PRIOR.beyond`. Parameters whose full range counts (`Parameter.full_range`) come from their
+    prior as it stands in half of the draws in which they act. The size is that of the parameter
+    farthest beyond its limit.
     """
     effect = library[name]
-    reached = [s for s in sides(effect) if limits[name, s].share * SET_PRIOR.least <= 1]
+    reached = [s for s in sides(effect) if _reached(limits, effect, s).any()]
     side = int(rng.choice(reached or sides(effect)))
-    limit = limits[name, side]
-    low = SET_PRIOR.least_share if limit.jumps else SET_PRIOR.least * limit.share
-    high = 1.0 if limit.jumps else SET_PRIOR.most * limit.share
-    high = min(high, 1.0)
-    share = float(np.exp(rng.uniform(np.log(min(low, high)), np.log(high))))
-    primary = primary_parameters(effect)
-    # Which of several parameters carries the size is open.
-    parts = np.where(rng.random(len(primary)) < SET_PRIOR.alone, 0.0, rng.random(len(primary)))
-    parts[rng.integers(len(primary))] = 1.0
+    own, primary = limits_at(limits, effect, side), primary_parameters(effect)
+    limit = np.array([one.share for one in own])
+    part, parts = rng.random(), rng.random(len(primary))
+    shown = np.flatnonzero(_reached(limits, effect, side))
+    carries = int(rng.choice(shown if shown.size else np.arange(len(primary))))
+    if len(primary) > 1 and rng.random() < SET_PRIOR.alone:
+        parts[:] = 0.0
+    parts[carries] = 1.0
+    first = own[carries]
+    low = SET_PRIOR.least_share if first.jumps else SET_PRIOR.least * first.share
+    high = min(1.0 if first.jumps else SET_PRIOR.most * first.share, 1.0)
+    share = np.exp(_between(np.log(min(low, high)), np.log(high), part))
     secondary = rng.random(len(free_parameters(effect)) - len(primary)).tolist()
-    shares = share * parts
-    full = np.array([parameter.full_range for parameter in primary])
-    if full.any() and rng.random() < SET_PRIOR.prior_share:
+    full = np.array([parameter.full_range for parameter in primary]) & (parts > 0)
+    known = rng.random() < SET_PRIOR.prior_share if full.any() else False
+    if not full.any() and high < 1 and rng.random() < SET_PRIOR.beyond:
+        share = np.exp(_between(np.log(high), 0.0, rng.random()))
+    shares = np.minimum(share * parts * (limit / first.share), 1.0)
+    if known:
         shares[full] = rng.random(int(full.sum()))
-    elif not full.any() and high < 1 and rng.random() < SET_PRIOR.beyond:
-        shares *= float(np.exp(rng.uniform(np.log(high), 0.0))) / share
     values = values_at(effect, side, shares.tolist(), secondary)
-    return Acting(name, side, float(shares.max()) / limit.share, values)
+    return Acting(name, side, float((shares / limit).max()), values)
+
+
+def _between(low: float, high: float, part: float) -> float:
+    return low + part * (high - low)
 
 
 def draw_set(
     library: Library,
-    limits: Mapping[tuple[str, Side], Limit],
+    limits: Limits,
     index: int,
     seed: int,
     most: int = HYPOTHESIS.usual_effects,
@@ -204,7 +221,7 @@ def draw_set(
 
     Args:
         library: of effects.
-        limits: by effect and side.
+        limits: by effect, parameter and side.
         index: of the campaign; any can be drawn alone.
         seed: of all draws.
         most: effects that may act together.

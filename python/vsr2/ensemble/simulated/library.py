@@ -70,6 +70,11 @@ def sides(effect: Effect) -> tuple[Side, ...]:
     return (-1, 1) if any(map(two_sided, primary)) else (1,)
 
 
+def parameter_sides(parameter: Parameter) -> tuple[Side, ...]:
+    """Sides of its null on which a primary parameter has values; 1 stands for an only one."""
+    return (-1, 1) if two_sided(parameter) else (1,)
+
+
 def two_sided(parameter: Parameter) -> bool:
     """Whether its prior reaches to both sides of its null, but for rounding."""
     return 1e-6 < _null(parameter) < 1 - 1e-6

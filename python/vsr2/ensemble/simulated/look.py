@@ -14,6 +14,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from vsr2.effects import Effect
 from vsr2.ensemble.observed.observations import OBSERVED
 from vsr2.ensemble.observed.random_streams import Stream, generator
 from vsr2.ensemble.simulated.cache import Progress, SimulationCache
@@ -21,6 +22,7 @@ from vsr2.ensemble.simulated.library import (
     Library,
     Side,
     free_parameters,
+    parameter_sides,
     primary_parameters,
     sides,
     values_at,
@@ -81,7 +83,7 @@ LOOK = LookConstants()
 
 @dataclass(frozen=True)
 class Limit:
-    """Of one side of an effect's null.
+    """Of one side of a parameter's null, where it acts alone.
 
     Attributes:
         share: of the range at which the campaign shows the effect; above 1: not within the range.
@@ -92,16 +94,38 @@ class Limit:
     jumps: bool
 
 
+Limits = Mapping[tuple[str, str, Side], Limit]
+"""By effect, primary parameter and side of its null: see :func:`parameter_sides`."""
+
+
+def tried_parameters(library: Library) -> tuple[tuple[str, str, Side], ...]:
+    """Of all limits: effect, primary parameter and side of its null."""
+    return tuple(
+        (name, parameter.name, side)
+        for name, effect in library.items()
+        for parameter in primary_parameters(effect)
+        for side in parameter_sides(parameter)
+    )
+
+
+def limits_at(limits: Limits, effect: Effect, side: Side) -> tuple[Limit, ...]:
+    """Those of an effect's primary parameters on one side; of one with one side alone, that one."""
+    return tuple(
+        limits[effect.name, p.name, side if side in parameter_sides(p) else 1]
+        for p in primary_parameters(effect)
+    )
+
+
 @dataclass(frozen=True, eq=False)
 class Look:
     """What the look found.
 
     Attributes:
-        limits: by effect and side.
+        limits: by effect, primary parameter and side of its null.
         responding: indices of the trials that lift off in some draw, rising.
     """
 
-    limits: Mapping[tuple[str, Side], Limit]
+    limits: Limits
     responding: NDArray[np.int64]
 
     def spread(self, count: int) -> NDArray[np.int64]:
@@ -122,7 +146,7 @@ def spread(trials: NDArray[np.int64], count: int) -> NDArray[np.int64]:
 
 def tries(library: Library) -> int:
     """Simulations under effects of each trial on which they are tried."""
-    return 2 * len(LOOK.shares) * sum(len(sides(effect)) for effect in library.values())
+    return 2 * len(LOOK.shares) * len(tried_parameters(library))
 
 
 def most_tried(trials: int) -> int:
@@ -140,7 +164,7 @@ def look(
     seed: int = 0,
     progress: Progress | None = None,
 ) -> Look:
-    """Try every effect at a few sizes.
+    """Try every primary parameter of every effect at a few sizes, each alone.
 
     The response is the logarithm of the largest tilt, 1 rad for a rock that overturns, whatever the
     tier, so that all tiers share their simulations. Each trial is tried under two draws of
@@ -169,17 +193,14 @@ def look(
     chosen = responding if responding.size else np.arange(run.size)
     tried = min(most_tried(run.size) if most is None else most, chosen.size)
     chosen = chosen[np.linspace(0, chosen.size - 1, tried).astype(int)]
-    ladders = [(name, side) for name, effect in library.items() for side in sides(effect)]
-    rng = generator(seed, Stream.LOOK)
-    requests = []
-    for name, side in ladders:
-        effect = library[name]
-        count = len(primary_parameters(effect))
-        for share in LOOK.shares:
-            for i, trial in enumerate(chosen):
-                secondary = rng.random(len(free_parameters(effect)) - count).tolist()
-                acting = ((name, values_at(effect, side, [share] * count, secondary)),)
-                requests += [Request(int(run[trial]), acting, m, 1) for m in _draws(i)]
+    ladders = _ladders(library, len(chosen), seed)
+    requests = [
+        Request(int(run[trial]), ((name, values),), m, 1)
+        for (name, _, _), steps in ladders.items()
+        for step in steps
+        for i, (trial, values) in enumerate(zip(chosen, step, strict=True))
+        for m in _draws(i)
+    ]
     found = _severity(cache.run(requests, progress=progress))
     scatter = np.nanstd(bare[:, chosen], axis=0)
     least = max(LOOK.least_scatter * float(np.median(scatter)), LOOK.least_log_tilt)
@@ -197,6 +218,35 @@ def look(
     signal, error = scale * parts.sum(axis=2), scale * parts.std(axis=2) * np.sqrt(chosen.size)
     limits = [_limit(*row) for row in zip(signal, error, strict=True)]
     return Look(dict(zip(ladders, limits, strict=True)), run[responding])
+
+
+def _ladders(
+    library: Library, trials: int, seed: int
+) -> dict[tuple[str, str, Side], list[list[tuple[float, ...]]]]:
+    """Values at which each primary parameter is tried alone: of each share, for each trial.
+
+    Secondary parameters are drawn, and are the same for all parameters of an effect.
+    """
+    rng = generator(seed, Stream.LOOK)
+    out = {}
+    for name, effect in library.items():
+        primary = primary_parameters(effect)
+        shape = (len(LOOK.shares), trials, len(free_parameters(effect)) - len(primary))
+        for side in sides(effect):
+            secondary = rng.random(shape).tolist()
+            for k, parameter in enumerate(primary):
+                if side not in parameter_sides(parameter):
+                    continue
+                out[name, parameter.name, side] = [
+                    [values_at(effect, side, _alone(share, k, len(primary)), one) for one in drawn]
+                    for share, drawn in zip(LOOK.shares, secondary, strict=True)
+                ]
+    return out
+
+
+def _alone(share: float, place: int, count: int) -> list[float]:
+    """Shares of which one alone is not 0."""
+    return [share if k == place else 0.0 for k in range(count)]
 
 
 def _draws(i: int) -> tuple[int, int]:
