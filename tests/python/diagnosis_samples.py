@@ -96,6 +96,11 @@ class LinearSimulator:
         return Responses((log > 0).astype(float), np.exp(np.minimum(log, 0.4)), None)
 
 
+def loss(slope):
+    """Of wear, from its null to the end of its range."""
+    return lambda values: slope * SCATTER * values[0] / 0.15
+
+
 def slopes(trials=40):
     """Of effects that move trials in directions of their own, by ten scatters at a prior's end."""
     ways = np.random.default_rng(7).standard_normal((len(NAMES), trials))

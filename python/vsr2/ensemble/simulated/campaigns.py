@@ -199,7 +199,10 @@ def draw_acting(
     known = rng.random() < SET_PRIOR.prior_share if full.any() else False
     if not full.any() and high < 1 and rng.random() < SET_PRIOR.beyond:
         share = np.exp(_between(np.log(high), 0.0, rng.random()))
-    shares = np.minimum(share * parts * (limit / first.share), 1.0)
+    # What jumps beside its null has no size in limits; what acts beside it has one all the same.
+    relative = limit * SET_PRIOR.most / share if first.jumps else limit / first.share
+    relative[carries] = 1.0
+    shares = np.minimum(share * parts * relative, 1.0)
     if known:
         shares[full] = rng.random(int(full.sum()))
     values = values_at(effect, side, shares.tolist(), secondary)
