@@ -9,7 +9,7 @@ from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.config.seeds import checked_seed
-from vsr2.diagnosis.budget import Budget
+from vsr2.diagnosis.budget import SCHEDULE, Budget
 from vsr2.diagnosis.corrected import with_correction, write_corrected, write_scenes
 from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.verdict.document import FILE, Diagnosis
@@ -110,7 +110,8 @@ def _check_budget(
     budget: Budget, simulator: SceneSimulator, execution: Execution, trials: int
 ) -> None:
     """Refuse a budget that this work cannot have."""
-    if budget.trials is not None and budget.trials > trials:
+    # The least number may be asked for of any campaign: all trials of a shorter one are meant.
+    if budget.trials is not None and budget.trials > max(trials, SCHEDULE.least_trials):
         raise DiagnosisError(
             f"campaign_trials is {budget.trials}; the campaign has {trials} trials: give at most "
             "so many, or leave it out for all"
