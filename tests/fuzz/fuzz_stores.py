@@ -241,7 +241,7 @@ def posterior(path: Path) -> bytes:
             standard=Standard(np.full(2, 0.5), np.ones((2, 1)), np.ones((2, 1))),
             within=within,
             outside=Outside.prior(2),
-            levels=Levels(0.2, 0.5, 0.5, 0.9, 0.91, 0.05, 0.6, 0.7),
+            levels=Levels(0.2, 0.5, 0.5, 0.9, 0.8, 0.91, 0.05, 0.6, 0.7),
             parameters=Parameters(
                 library,
                 columns.astype(np.float32),
