@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -340,11 +340,15 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
     return with_deviations(given)
 
 
-def priors(texts: tuple[str, ...]) -> dict[str, Prior]:
+def priors(texts: tuple[str, ...], excluded: Collection[str]) -> dict[str, Prior]:
     """Several of them.
 
+    Args:
+        texts: as given.
+        excluded: effects that are not looked for.
+
     Raises:
-        ConfigError: one is no prior, or two are of one parameter.
+        ConfigError: one is no prior or of an effect that is excluded, or two are of one parameter.
     """
     from vsr2.errors import ConfigError
 
@@ -355,6 +359,10 @@ def priors(texts: tuple[str, ...]) -> dict[str, Prior]:
             raise ConfigError(
                 f"--prior {text}: {key} has {given[key][0].partition('=')[2]} already; give one of "
                 "them"
+            )
+        if key.partition(".")[0] in excluded:
+            raise ConfigError(
+                f"--prior {key}: its effect is not looked for (--exclude); leave one of them out"
             )
         given[key] = text, value
     return {key: value for key, (_, value) in given.items()}

@@ -313,7 +313,7 @@ def causes(scene: Path, folder: opt.Campaign, /, *, options: Attributing = ATTRI
             scenes=options.scenes,
             hypotheses=Hypotheses(
                 exclude=options.exclude,
-                priors=opt.priors(options.prior),
+                priors=opt.priors(options.prior, options.exclude),
                 nuisances=opt.nuisances(options.nuisance),
                 contact_family=() if options.one_contact_model else CONTACT_FAMILY,
             ),

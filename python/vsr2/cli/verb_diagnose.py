@@ -216,15 +216,9 @@ def _hypotheses(question: QuestionOptions) -> Hypotheses:
     from vsr2.campaign import load_campaign
     from vsr2.ensemble import Hypotheses
 
-    priors = opt.priors(question.prior)
-    for key in priors:
-        if key.partition(".")[0] in question.exclude:
-            raise ConfigError(
-                f"--prior {key}: its effect is not looked for (--exclude); leave one of them out"
-            )
     return Hypotheses(
         exclude=question.exclude,
-        priors=priors,
+        priors=opt.priors(question.prior, question.exclude),
         nuisances=opt.nuisances(question.nuisance),
         references=[load_campaign(folder) for folder in question.reference],
         most_effects=question.most_effects,

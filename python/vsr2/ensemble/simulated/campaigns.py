@@ -184,7 +184,7 @@ def draw_acting(
     side = int(rng.choice(reached or sides(effect)))
     own, primary = limits_at(limits, effect, side), primary_parameters(effect)
     limit = np.array([one.share for one in own])
-    part, parts = rng.random(), rng.random(len(primary))
+    quantile, parts = rng.random(), rng.random(len(primary))
     shown = np.flatnonzero(_reached(limits, effect, side))
     carries = int(rng.choice(shown if shown.size else np.arange(len(primary))))
     if len(primary) > 1 and rng.random() < SET_PRIOR.alone:
@@ -193,24 +193,25 @@ def draw_acting(
     first = own[carries]
     low = SET_PRIOR.least_share if first.jumps else SET_PRIOR.least * first.share
     high = min(1.0 if first.jumps else SET_PRIOR.most * first.share, 1.0)
-    share = np.exp(_between(np.log(min(low, high)), np.log(high), part))
+    share = _log_uniform(min(low, high), high, quantile)
     secondary = rng.random(len(free_parameters(effect)) - len(primary)).tolist()
     full = np.array([parameter.full_range for parameter in primary]) & (parts > 0)
-    known = rng.random() < SET_PRIOR.prior_share if full.any() else False
+    from_prior = bool(full.any()) and rng.random() < SET_PRIOR.prior_share
     if not full.any() and high < 1 and rng.random() < SET_PRIOR.beyond:
-        share = np.exp(_between(np.log(high), 0.0, rng.random()))
+        share = _log_uniform(high, 1.0, rng.random())
     # What jumps beside its null has no size in limits; what acts beside it has one all the same.
     relative = limit * SET_PRIOR.most / share if first.jumps else limit / first.share
     relative[carries] = 1.0
     shares = np.minimum(share * parts * relative, 1.0)
-    if known:
+    if from_prior:
         shares[full] = rng.random(int(full.sum()))
     values = values_at(effect, side, shares.tolist(), secondary)
     return Acting(name, side, float((shares / limit).max()), values)
 
 
-def _between(low: float, high: float, part: float) -> float:
-    return low + part * (high - low)
+def _log_uniform(low: float, high: float, quantile: float) -> float:
+    """Value at a quantile of the log-uniform distribution between two ends above 0."""
+    return float(np.exp(np.log(low) + quantile * (np.log(high) - np.log(low))))
 
 
 def draw_set(

@@ -25,6 +25,7 @@ from vsr2.ensemble.simulated.library import (
     parameter_sides,
     primary_parameters,
     sides,
+    two_sided,
     values_at,
 )
 from vsr2.ensemble.simulated.linear_algebra import ridge
@@ -111,8 +112,7 @@ def tried_parameters(library: Library) -> tuple[tuple[str, str, Side], ...]:
 def limits_at(limits: Limits, effect: Effect, side: Side) -> tuple[Limit, ...]:
     """Those of an effect's primary parameters on one side; of one with one side alone, that one."""
     return tuple(
-        limits[effect.name, p.name, side if side in parameter_sides(p) else 1]
-        for p in primary_parameters(effect)
+        limits[effect.name, p.name, side if two_sided(p) else 1] for p in primary_parameters(effect)
     )
 
 
@@ -231,6 +231,7 @@ def _ladders(
     out = {}
     for name, effect in library.items():
         primary = primary_parameters(effect)
+        alone = np.eye(len(primary))
         shape = (len(LOOK.shares), trials, len(free_parameters(effect)) - len(primary))
         for side in sides(effect):
             secondary = rng.random(shape).tolist()
@@ -238,15 +239,10 @@ def _ladders(
                 if side not in parameter_sides(parameter):
                     continue
                 out[name, parameter.name, side] = [
-                    [values_at(effect, side, _alone(share, k, len(primary)), one) for one in drawn]
+                    [values_at(effect, side, (share * alone[k]).tolist(), one) for one in drawn]
                     for share, drawn in zip(LOOK.shares, secondary, strict=True)
                 ]
     return out
-
-
-def _alone(share: float, place: int, count: int) -> list[float]:
-    """Shares of which one alone is not 0."""
-    return [share if k == place else 0.0 for k in range(count)]
 
 
 def _draws(i: int) -> tuple[int, int]:
