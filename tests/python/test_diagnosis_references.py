@@ -28,7 +28,7 @@ def is_copy(one, other, tier):
 
 
 @pytest.mark.parametrize("tier", ["B", "M"])
-def test_a_copy_of_another_name_is_told_by_its_tilts(measured, tier) -> None:
+def test_a_copy_of_another_name_is_recognised_by_its_tilts(measured, tier) -> None:
     assert is_copy(measured, replace(measured, name="other"), tier)
     assert not is_copy(measured, changed(measured, lambda tilt: 1.01 * tilt), tier)
 
