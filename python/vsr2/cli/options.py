@@ -340,7 +340,7 @@ def nuisances(texts: tuple[str, ...]) -> tuple[Nuisance, ...]:
     return with_deviations(given)
 
 
-def priors(texts: tuple[str, ...], excluded: Collection[str]) -> dict[str, Prior]:
+def priors(texts: tuple[str, ...], excluded: Collection[str] = ()) -> dict[str, Prior]:
     """Several of them.
 
     Args:
