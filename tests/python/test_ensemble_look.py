@@ -189,3 +189,24 @@ def test_the_look_tries_each_parameter_alone() -> None:
     assert one[1] is other[1]
     assert one[1].share == pytest.approx(0.5 * other[0].share, rel=0.1)
     assert simulator.runs == tries(simulator.library) * 40 + 40 * LOOK.plain
+
+
+@pytest.mark.parametrize("fold", [1, 2, 4])
+def test_a_turn_that_mirrors_the_rock_onto_itself_has_its_limit(fold: int) -> None:
+    """A rock of this symmetry responds to a turn as the sine of `fold / 2` times it.
+
+    Half of the trials respond, so that what a turn does is less certain than that half a turn does
+    nothing.
+    """
+    respond = np.where(np.arange(40) % 2, 1.0, 0.0)
+
+    def turned(values):
+        return SCATTER * 20 * respond * np.sin(fold * np.radians(values[0]) / 2)
+
+    simulator = LinearSimulator({"registration": turned}, library=full_library())
+    with SimulationCache(simulator) as cache:
+        found = look(cache, 40).limits
+    # Three deviations of the twenty trials; small turns are linear.
+    expected = LOOK.signal / np.sqrt(20) / 20 * (2 / fold) / np.pi
+    for side in (-1, 1):
+        assert found["registration", "yaw", side].share == pytest.approx(expected, rel=0.25)

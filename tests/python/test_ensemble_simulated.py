@@ -174,6 +174,20 @@ def test_beside_what_jumps_others_keep_to_sizes_that_a_campaign_just_shows() -> 
     assert 0.7 * SET_PRIOR.most < beside.max() <= SET_PRIOR.most
 
 
+def test_what_a_campaign_does_not_show_acts_beside_another_over_all_of_its_range() -> None:
+    rule = {"outcome_rule": PLANAR_LIBRARY["outcome_rule"]}
+    limits = {
+        ("outcome_rule", "tilt", 1): Limit(0.1, jumps=False),
+        ("outcome_rule", "flips", 1): Limit(3000.0, jumps=False),
+    }
+    rng = np.random.default_rng(1)
+    drawn = [draw_acting(rule, "outcome_rule", limits, rng) for _ in range(1000)]
+    flips = np.array([one.values[1] for one in drawn]) / 0.03
+    assert (flips == 0).mean() == pytest.approx(SET_PRIOR.alone, abs=0.05)
+    quartiles = np.quantile(flips[flips > 0], [0.25, 0.5, 0.75])
+    np.testing.assert_allclose(quartiles, [0.25, 0.5, 0.75], atol=0.08)
+
+
 def test_a_prior_that_is_meant_as_it_stands_is_drawn_over_its_full_range() -> None:
     effects = {"registration": full_library()["registration"]}
     limits = dict.fromkeys(tried_parameters(effects), Limit(0.01, jumps=False))

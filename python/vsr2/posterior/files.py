@@ -38,7 +38,7 @@ from vsr2.posterior.within_library import TRAINING, WithinLibrary
 from vsr2.results.atomic import write_atomic
 
 POSTERIORS = "posterior-*.npz"
-FORMAT = 16
+FORMAT = 17
 """Of the file, and of features and their noise: a posterior of another form is trained again."""
 
 

@@ -174,7 +174,8 @@ def draw_acting(
 
     One of its primary parameters carries the size, of those that reach the least one. It acts alone
     in a part of the draws, see `SET_PRIOR.alone`; in others each further one has a part of the
-    size, in its own detection limits. Some draws are larger, up to the prior's end: see
+    size, in its own detection limits, or of its range, where that ends before. Some draws are
+    larger, up to the prior's end: see
     `SET_PRIOR.beyond`. Parameters whose full range counts (`Parameter.full_range`) come from their
     prior as it stands in half of the draws in which they act. The size is that of the parameter
     farthest beyond its limit.
@@ -202,7 +203,7 @@ def draw_acting(
     # What jumps beside its null has no size in limits; what acts beside it has one all the same.
     relative = limit * SET_PRIOR.most / share if first.jumps else limit / first.share
     relative[carries] = 1.0
-    shares = np.minimum(share * parts * relative, 1.0)
+    shares = parts * np.minimum(share * relative, 1.0)
     if from_prior:
         shares[full] = rng.random(int(full.sum()))
     values = values_at(effect, side, shares.tolist(), secondary)

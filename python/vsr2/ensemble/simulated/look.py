@@ -22,6 +22,7 @@ from vsr2.ensemble.simulated.library import (
     Library,
     Side,
     free_parameters,
+    is_angle,
     parameter_sides,
     primary_parameters,
     sides,
@@ -40,6 +41,8 @@ class LookConstants:
 
     Attributes:
         shares: of the range on one side of the null at which an effect is tried.
+        turned: share of a half turn up to which a turn is tried: what it does grows so far at
+            least, while a rock that is turned by a half or a quarter may look the same again.
         trials: on which effects are tried at most, where the campaign has few.
         part: of a campaign's trials on which effects are tried at most, where it has many: what few
             trials show of many is chance.
@@ -62,6 +65,7 @@ class LookConstants:
     """
 
     shares: tuple[float, ...] = (1.0, 0.25, 0.0625, 0.015625, 0.00390625, 0.0009765625)
+    turned: float = 0.25
     trials: int = 40
     part: float = 0.25
     fewest: int = 12
@@ -196,7 +200,7 @@ def look(
     ladders = _ladders(library, len(chosen), seed)
     requests = [
         Request(int(run[trial]), ((name, values),), m, 1)
-        for (name, _, _), steps in ladders.items()
+        for (name, _, _), (_, steps) in ladders.items()
         for step in steps
         for i, (trial, values) in enumerate(zip(chosen, step, strict=True))
         for m in _draws(i)
@@ -216,14 +220,15 @@ def look(
     parts = change[..., 0] * (change[..., 1] @ metric)
     scale = max(responding.size, 1) / chosen.size
     signal, error = scale * parts.sum(axis=2), scale * parts.std(axis=2) * np.sqrt(chosen.size)
-    limits = [_limit(*row) for row in zip(signal, error, strict=True)]
-    return Look(dict(zip(ladders, limits, strict=True)), run[responding])
+    found_at = zip(ladders.items(), signal, error, strict=True)
+    limits = {key: _limit(squared, sd, shares) for (key, (shares, _)), squared, sd in found_at}
+    return Look(limits, run[responding])
 
 
 def _ladders(
     library: Library, trials: int, seed: int
-) -> dict[tuple[str, str, Side], list[list[tuple[float, ...]]]]:
-    """Values at which each primary parameter is tried alone: of each share, for each trial.
+) -> dict[tuple[str, str, Side], tuple[Array, list[list[tuple[float, ...]]]]]:
+    """Shares at which each primary parameter is tried alone, and values of each, for each trial.
 
     Secondary parameters are drawn, and are the same for all parameters of an effect.
     """
@@ -238,10 +243,12 @@ def _ladders(
             for k, parameter in enumerate(primary):
                 if side not in parameter_sides(parameter):
                     continue
-                out[name, parameter.name, side] = [
+                shares = np.array(LOOK.shares) * (LOOK.turned if is_angle(parameter) else 1.0)
+                steps = [
                     [values_at(effect, side, (share * alone[k]).tolist(), one) for one in drawn]
-                    for share, drawn in zip(LOOK.shares, secondary, strict=True)
+                    for share, drawn in zip(shares, secondary, strict=True)
                 ]
+                out[name, parameter.name, side] = shares, steps
     return out
 
 
@@ -256,25 +263,26 @@ def _severity(found: Responses) -> Array:
     return np.where(np.isfinite(found.overturned), np.log(tilt), np.nan)
 
 
-def _limit(squared: Array, error: Array) -> Limit:
+def _limit(squared: Array, error: Array, tried: Array) -> Limit:
     """Share at which the signal reaches the limit, by interpolation of logarithms.
 
     A signal does not fall with the share, so all shares have one isotonic fit, weighted by their
     errors: a trial that happens to flip under both draws is no signal.
 
     Args:
-        squared: signals at `LOOK.shares`, squared.
+        squared: signals at these shares, squared.
         error: standard errors of these.
+        tried: shares of the range, falling.
     """
     from scipy.optimize import isotonic_regression
 
     weights = 1 / (error**2 + LOOK.least_error**2)
     fitted = isotonic_regression(squared[::-1], weights=weights[::-1]).x
     rising = np.maximum(fitted, 1e-6)
-    shares, wanted = np.log(LOOK.shares[::-1]), LOOK.signal**2
+    shares, wanted = np.log(tried[::-1]), LOOK.signal**2
     jumps = bool(rising[0] > LOOK.jump**2 * wanted)
     if rising[-1] < wanted:
-        return Limit(float(np.sqrt(wanted / rising[-1])), jumps)
+        return Limit(float(tried[0] * np.sqrt(wanted / rising[-1])), jumps)
     k = int(np.argmax(rising >= wanted))
     if k == 0:
         return Limit(float(np.exp(shares[0])), jumps)
