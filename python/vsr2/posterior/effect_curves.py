@@ -38,7 +38,7 @@ class EffectCurveConstants:
         tiny: by nothing less is divided.
     """
 
-    points: int = 24
+    points: int = 48
     width: float = 1.0
     added_size: float = 0.2
     variance: float = 0.3
