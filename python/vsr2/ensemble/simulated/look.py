@@ -10,6 +10,7 @@ from __future__ import annotations
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -200,8 +201,8 @@ def look(
     ladders = _ladders(library, len(chosen), seed)
     requests = [
         Request(int(run[trial]), ((name, values),), m, 1)
-        for (name, _, _), (_, steps) in ladders.items()
-        for step in steps
+        for (name, _, _), ladder in ladders.items()
+        for step in ladder.steps
         for i, (trial, values) in enumerate(zip(chosen, step, strict=True))
         for m in _draws(i)
     ]
@@ -220,15 +221,25 @@ def look(
     parts = change[..., 0] * (change[..., 1] @ metric)
     scale = max(responding.size, 1) / chosen.size
     signal, error = scale * parts.sum(axis=2), scale * parts.std(axis=2) * np.sqrt(chosen.size)
-    found_at = zip(ladders.items(), signal, error, strict=True)
-    limits = {key: _limit(squared, sd, shares) for (key, (shares, _)), squared, sd in found_at}
+    measured = zip(ladders.items(), signal, error, strict=True)
+    limits = {key: _limit(squared, own, ladder.shares) for (key, ladder), squared, own in measured}
     return Look(limits, run[responding])
 
 
-def _ladders(
-    library: Library, trials: int, seed: int
-) -> dict[tuple[str, str, Side], tuple[Array, list[list[tuple[float, ...]]]]]:
-    """Shares at which each primary parameter is tried alone, and values of each, for each trial.
+class _Ladder(NamedTuple):
+    """Sizes at which a parameter is tried.
+
+    Attributes:
+        shares: of its range, falling.
+        steps: values of the effect's parameters, of each share and trial.
+    """
+
+    shares: Array
+    steps: list[list[tuple[float, ...]]]
+
+
+def _ladders(library: Library, trials: int, seed: int) -> dict[tuple[str, str, Side], _Ladder]:
+    """Of each primary parameter alone, on each side of its null.
 
     Secondary parameters are drawn, and are the same for all parameters of an effect.
     """
@@ -248,7 +259,7 @@ def _ladders(
                     [values_at(effect, side, (share * alone[k]).tolist(), one) for one in drawn]
                     for share, drawn in zip(shares, secondary, strict=True)
                 ]
-                out[name, parameter.name, side] = shares, steps
+                out[name, parameter.name, side] = _Ladder(shares, steps)
     return out
 
 
