@@ -223,6 +223,18 @@ def test_version_and_help_import_no_room() -> None:
             assert re.match(r"vsr2 [0-9.]+\S*\nbuild_type: ", done.stdout)
 
 
+def test_the_version_needs_no_command_line() -> None:
+    code = (
+        "import sys; from vsr2.cli.entry import program; program(); "
+        "print('cyclopts' in sys.modules, file=sys.stderr)"
+    )
+    for option, needed in (("--version", "False"), ("--help", "True")):
+        done = subprocess.run(
+            [sys.executable, "-c", code, option], capture_output=True, text=True, check=True
+        )
+        assert done.stderr.strip() == needed
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_completion_knows_verbs_options_and_choices(
     shell: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]

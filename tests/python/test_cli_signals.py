@@ -85,7 +85,7 @@ def test_a_signal_amid_an_import_has_its_exit_code_whatever_becomes_of_it(
     )
     folders = os.pathsep.join((str(tmp_path), str(Path(vsr2.__file__).parents[1])))
     done = subprocess.run(
-        [sys.executable, *entry, "--version"], capture_output=True, text=True,
+        [sys.executable, *entry, "--help"], capture_output=True, text=True,
         env={**os.environ, "PYTHONPATH": folders},
     )  # fmt: skip
     said = {"SIGINT": "vsr2: interrupted\n", "SIGTERM": "vsr2: ended by SIGTERM\n"}[name]

@@ -35,6 +35,10 @@ def program() -> int:
             # Ignored, for instance, as Ctrl-C is by a shell's job in the background.
             if _signal.getsignal(number) is not _signal.SIG_IGN:
                 _signal.signal(number, end)
+        if sys.argv[1:] == ["--version"]:
+            from vsr2.cli.version import version
+
+            return version()
         from vsr2.cli.main import main
 
         code = main()

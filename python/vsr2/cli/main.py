@@ -30,6 +30,7 @@ from vsr2.cli import (
 from vsr2.cli.entry import INTERRUPTED, TERMINATED
 from vsr2.cli.options import DEFAULTS
 from vsr2.cli.usage_errors import usage_error
+from vsr2.cli.version import version
 from vsr2.errors import ConfigError, Vsr2Error
 
 Shell = Literal["bash", "zsh", "fish"]
@@ -86,17 +87,7 @@ app.command(
     "opens the key. docs/reference/blind.md describes the forms and the duties.",
 )
 app.command(verb_config.verbs)
-
-
-@app.command(name="--version")
-def _version() -> int:
-    """Version, then build facts."""
-    from vsr2._native import build_facts
-
-    facts = build_facts()
-    print(f"vsr2 {facts.pop('version')}")
-    print("\n".join(f"{name}: {value}" for name, value in facts.items()))
-    return 0
+app.command(version, name="--version")
 
 
 @app.command(name="--install-completion")
