@@ -210,6 +210,16 @@ def test_building_is_linear_and_mirrors(channel, chosen):
     assert plain.velocity[-1] == plain.acceleration[-1] == 0.0
 
 
+@pytest.mark.parametrize("step", [STEP, 0.003, 1 / RATE])
+def test_the_peak_needs_no_acceleration(step):
+    record = Record("r", 1 / RATE, displacement=X)
+    for scaled in (lambda one: one, lambda one: one.scaled(-1.1).scaled(0.7)):
+        found = scaled(build_recorded_motion(record, step, filter=Filter()))
+        peak = found.peak_acceleration
+        assert "acceleration" not in vars(found)
+        assert peak == np.abs(found.acceleration).max() > 0
+
+
 def test_the_filter_acts_at_the_records_own_sampling():
     noisy = X + 5e-5 * np.random.default_rng(2).standard_normal(X.size)
     record = Record("r", 1 / RATE, displacement=noisy)

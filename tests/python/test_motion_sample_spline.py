@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 from scipy.interpolate import make_interp_spline
 
-from vsr2.motion.sample_spline import SETTLED, KeptWeights, at, on_grid, sample_spline
+from vsr2.motion.sample_spline import SETTLED, KeptWeights, at, greatest, on_grid, sample_spline
 
 SIZES = (16, 2 * SETTLED - 1, 2 * SETTLED, 2 * SETTLED + 1, 2 * SETTLED + 2, 997, 5000)
 """Round the size from which the repeated rows are used, and beyond a block of positions."""
@@ -72,6 +72,18 @@ def test_kept_weights_serve_splines_of_any_length(ratio):
             fresh = at(found, position, orders)
             for values, expected in zip(at(found, position, orders, kept), fresh, strict=True):
                 assert values.tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("order", [0, 1, 2])
+@pytest.mark.parametrize("ratio", RATIOS)
+@pytest.mark.parametrize("samples", [walk, pulse, np.zeros])
+@pytest.mark.parametrize("size", SIZES)
+def test_the_greatest_is_that_of_all_positions(size, samples, ratio, order):
+    found, _ = both(size, 5, samples)
+    for first in (0, size // 3):
+        position = np.minimum(np.arange(first, int((size - 1) / ratio) + 1) * ratio, size - 1.0)
+        (every,) = at(found, position, (order,))
+        assert greatest(found, position, order) == np.abs(every).max(initial=0.0)
 
 
 @pytest.mark.parametrize("shift", [0.0, 0.5])

@@ -343,6 +343,14 @@ class Motion(OneLine, ReadOnlyArrays):
     @cached_property
     def peak_acceleration(self) -> float:
         """Greatest magnitude of the acceleration as driven [m/s^2]; `pga_g` gives it in g."""
+        held, factors = self._origin
+        if held is not self:
+            return math.prod(map(abs, factors), start=held.peak_acceleration)
+        deferred: Deferred | None = vars(self).get("_deferred")
+        if deferred is not None and deferred.peak is not None:
+            peak = deferred.peak()
+            if math.isfinite(peak):  # Or the acceleration says where it is not.
+                return peak
         return float(np.abs(self.acceleration).max())
 
     @property

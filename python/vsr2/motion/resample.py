@@ -19,7 +19,7 @@ import numpy as np
 
 from vsr2.errors import MotionError
 from vsr2.motion.motion import Array
-from vsr2.motion.sample_spline import KeptWeights, at, on_grid, sample_spline
+from vsr2.motion.sample_spline import KeptWeights, at, greatest, on_grid, sample_spline
 from vsr2.motion.samples import MAX_SAMPLES
 
 if TYPE_CHECKING:
@@ -72,6 +72,11 @@ class Resampled:
         """Of the spline, and 0 at the last sample; shape (n,) [m/s^2], made when asked for."""
         (second,) = at(self.spline, self.position, (2,), _weights(self.ratio))
         return np.append(second / self.interval**2, 0.0)
+
+    @cached_property
+    def peak_acceleration(self) -> float:
+        """Greatest magnitude of the acceleration [m/s^2], to the last bit, in less time."""
+        return greatest(self.spline, self.position, 2) / self.interval**2
 
     @property
     def error(self) -> float:

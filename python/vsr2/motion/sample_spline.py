@@ -29,6 +29,8 @@ SETTLED = 48
 from the end for degree 5, from 21 to the fifth for degree 3."""
 BLOCK = 4096
 """Positions at a time: what belongs to them stays in the processor's cache."""
+ROUNDING = 1e-9
+"""Relative error of a value, over that of its bound, which is far greater than any."""
 MAX_KEPT = 2**16
 """Positions whose weights are kept: 3 MB for each order of a quintic spline."""
 
@@ -113,6 +115,40 @@ def at(
         for out, weight in zip(found, weights, strict=True):
             _add(coefficients * weight[:, inside:], out[part])
     return found
+
+
+def greatest(spline: BSpline, position: Array, order: int) -> float:
+    """Greatest magnitude of a derivative at positions, most of which are not looked at.
+
+    In an interval a spline lies between the least and the greatest of its coefficients there (C. de
+    Boor, "A practical guide to splines", 2001, chapter IX). So only those intervals are looked at
+    that may exceed the greatest value found in the likeliest.
+
+    Args:
+        spline: of :func:`sample_spline`.
+        position: ascending, shape (m,).
+        order: of the derivative, below the spline's degree.
+    """
+    low, high = _uniform(spline)
+    begin, end = np.searchsorted(position, (low, max(low, high))).tolist()
+    ends = np.concatenate([position[:begin], position[end:]])
+    best = float(np.abs(spline(ends, order)).max(initial=0.0))
+    if begin == end:
+        return best
+    first, last = (int(np.floor(position[k])) for k in (begin, end - 1))
+    # Of each interval, from the first to the last that has a position.
+    start = first + _first(spline)
+    magnitude = np.abs(np.diff(spline.c[start : last + _first(spline) + spline.k + 1], order))
+    bounds = magnitude[: last - first + 1].copy()
+    for k in range(1, spline.k + 1 - order):
+        np.maximum(bounds, magnitude[k : k + bounds.size], out=bounds)
+    bounds *= 1 + ROUNDING
+    for likeliest in (True, False):
+        looked_at = first + np.flatnonzero(bounds >= bounds.max() if likeliest else bounds > best)
+        edges = np.searchsorted(position[begin:end], [looked_at, looked_at + 1]) + begin
+        some = np.concatenate([position[slice(*own)] for own in edges.T.tolist()] or [ends[:0]])
+        best = max(best, float(np.abs(at(spline, some, (order,))[0]).max(initial=0.0)))
+    return best
 
 
 def on_grid(spline: BSpline, begin: int, end: int, order: int = 0, *, shift: float = 0.0) -> Array:

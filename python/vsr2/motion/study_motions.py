@@ -231,7 +231,7 @@ class Recorded:
         )
         for samples in (driven.displacement, driven.velocity):
             samples.setflags(write=False)  # Nobody else has them, and a motion need not copy them.
-        acceleration: Any = Deferred(lambda: driven.acceleration)
+        acceleration: Any = Deferred(lambda: driven.acceleration, lambda: driven.peak_acceleration)
         treatment = "no filter"
         if filter is not None:
             treatment = f"band-pass {filter.low:g}-{filter.high:g} Hz order {filter.order}"
