@@ -1,6 +1,6 @@
 """Kill a verb at random moments, resume it, and compare with an undisturbed run.
 
-    python scripts/kill_and_resume.py STUDY.yaml --work out/kills --kills 200 [--seed 0]
+    python scripts/kill_and_resume.py STUDY.yaml --work out/kills --kills 200 [--seed 0] [--dask]
 
 STUDY is a plain study; a diagnosis, a prediction and a pack have small work of their own. Each
 round takes a verb that keeps unfinished work, begins it in an empty folder, ends it by SIGKILL at a
@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import argparse
 import csv
+import logging
 import os
 import random
 import resource
@@ -21,6 +22,8 @@ import shutil
 import subprocess
 import sys
 import time
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -108,6 +111,23 @@ class Verb:
     line: tuple[str, ...]
     compared: tuple[str, ...]
     reads: tuple[tuple[str, ...], Path] | None = None
+
+
+@contextmanager
+def workers() -> Iterator[str]:
+    """Address of two Dask workers of a thread each."""
+    import distributed
+
+    with distributed.LocalCluster(  # type: ignore[no-untyped-call]
+        n_workers=2, threads_per_worker=1, dashboard_address=None, silence_logs=logging.CRITICAL + 1
+    ) as cluster:
+        yield str(cluster.scheduler_address)
+
+
+def client_of(study: Path, address: str) -> dict[str, Verb]:
+    """The client of a run on Dask workers, which is killed alone."""
+    line = ("run", str(study), "--no-figures", "--set", "output.log_every=10", "--quiet")
+    return {"run --scheduler": Verb((*line, "--scheduler", address), ("trials.csv", "logs/*"))}
 
 
 def verbs(study: Path, work: Path) -> dict[str, Verb]:
@@ -261,11 +281,20 @@ def main() -> int:
     parser.add_argument("--seconds", type=float, default=float("inf"), help="at most, of rounds")
     parser.add_argument("--seed", type=int, default=0)
     parser.add_argument("--verb", action="append", help="kill this verb alone; may be repeated")
+    parser.add_argument("--dask", action="store_true", help="kill the client of `run --scheduler`")
     asked = parser.parse_args()
+    if not asked.dask:
+        return rounds(asked, verbs)
+    with workers() as address:
+        return rounds(asked, lambda study, _: client_of(study, address))
+
+
+def rounds(asked: argparse.Namespace, made: Callable[[Path, Path], dict[str, Verb]]) -> int:
+    """The same of some verbs, which are made of the study and the folder of --work."""
     work = asked.work.resolve()
     work.mkdir(parents=True, exist_ok=True)
     chance = random.Random(asked.seed)
-    known = verbs(asked.study.resolve(), work)
+    known = made(asked.study.resolve(), work)
     chosen = asked.verb or list(known)
     for words, folder in {read for name in chosen if (read := known[name].reads) is not None}:
         remove(folder)
