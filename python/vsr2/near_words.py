@@ -6,6 +6,7 @@ import difflib
 import re
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import takewhile
 
 
 @dataclass(frozen=True)
@@ -16,12 +17,14 @@ class NearWords:
         alike: of one word that is named as meant.
         slip: where a word that is no slip is as likely: names of files, effects of other libraries.
         offered: of several words that are offered, and of one that begins with the same letter.
+        fewest: letters of words that may be one letter off; `gear` is no slip of `wear`.
         longest: letters of a word that are looked at; the search is quadratic in them.
     """
 
     alike: float = 0.75
     slip: float = 0.8
     offered: float = 0.6
+    fewest: int = 5
     longest: int = 255
 
 
@@ -35,6 +38,33 @@ def near_words(
 ) -> list[str]:
     """At most so many of the known words that are alike, the nearest first."""
     return difflib.get_close_matches(word[: NEAR.longest], known, n=most, cutoff=alike)
+
+
+def slip_of(word: str, known: Iterable[str]) -> str | None:
+    """The known word of which a word is a slip; None: it may be another's own word.
+
+    A slip is spelt in other capitals or with other hyphens, is one letter off, or very alike.
+    """
+    plain = {_plain(one): one for one in known}
+    own = _plain(word[: NEAR.longest])
+    near = [own] if own in plain else [one for one in plain if _is_one_off(own, one)]
+    near = near or near_words(own, plain, alike=NEAR.slip)
+    return plain[near[0]] if near else None
+
+
+def _plain(word: str) -> str:
+    return word.replace("_", "").replace("-", "").casefold()
+
+
+def _is_one_off(one: str, other: str) -> bool:
+    """Whether two letters are swapped, or in longer words one is wrong, too many or missing."""
+    pairs = zip(one, other, strict=False)
+    alike = sum(1 for _ in takewhile(lambda pair: pair[0] == pair[1], pairs))
+    mine, theirs = one[alike:], other[alike:]
+    if len(mine) > 1 and mine[:2] == theirs[1::-1] and mine[2:] == theirs[2:]:
+        return True
+    long = min(len(one), len(other)) >= NEAR.fewest
+    return long and (theirs[1:] in (mine[1:], mine) or mine[1:] == theirs)
 
 
 def peak(word: str) -> str:

@@ -36,6 +36,21 @@ def reference(**effect):
             {"campaigns": [reference(name="fricton", values={"factor": 0.8})]},
             r"campaigns\[0\]\.effects\[0\]\.name is 'fricton'; .* do you mean 'friction'",
         ),
+        *(
+            (
+                {"campaigns": [{"id": "a", "exclude": [slip]}]},
+                rf"campaigns\[0\]\.exclude.*there is no effect '{slip}'; do you mean '{meant}'",
+            )
+            for slip, meant in (
+                ("Wear", "wear"),
+                ("WEAR", "wear"),
+                ("waer", "wear"),
+                ("com-offset", "com_offset"),
+                ("frictoin", "friction"),
+                ("placment", "placement"),
+                ("catxh", "catch"),
+            )
+        ),
         (
             {"campaigns": [reference(name="friction", values={"factr": 0.8})]},
             r"campaigns\[0\]\.effects\[0\]\.values\.factr is 0\.8; .* did you mean `factor`",

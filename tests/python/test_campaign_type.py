@@ -53,6 +53,8 @@ def trial(**changes):
         ({"pgv_pga_s": math.inf}, "is inf"),
         ({"extra": {"peer": 1.0}}, "no name of an extra column"),
         ({"extra": {"x_max_tilt_rad": 0.1}}, "no diagnosis reads anything; call it peak_tilt_rad"),
+        ({"extra": {"x_peakTilt_deg": 5.0}}, "no diagnosis reads anything; call it peak_tilt_rad"),
+        ({"extra": {"x_tiltmax": 0.1}}, "no diagnosis reads anything; call it peak_tilt_rad"),
         ({"extra": {"x_peer": math.nan}}, "x_peer: is nan"),
         ({"note": "x" * 1001}, "shorten it"),
     ],

@@ -235,6 +235,16 @@ def test_what_is_relative_without_a_cause_multiplies_the_nominal_value(shaken, t
         (stated(distribution="normal", sd=1, direction=1), "direction is 1; give text"),
         (stated(distribution="normal", sd=1, direction="azimth"), "no parameter 'azimth'"),
         (stated(distribution="by_effect", sd=1, reach=-1), "reach is -1; give 0 or more"),
+        *(
+            (
+                {"effect": "placement", "parameter": "yaw", **beside_null},
+                "placement draws yaw about 0 in each trial, .* its middle at",
+            )
+            for beside_null in (
+                {"distribution": "normal", "sd": 1, "mean": 3},
+                {"distribution": "uniform", "low": 0, "high": 5},
+            )
+        ),
         (
             stated(distribution="normal", sd=1, group="a", correlation=2),
             "correlation is 2; give -1 to 1",

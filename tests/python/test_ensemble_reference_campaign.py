@@ -25,6 +25,7 @@ from vsr2.ensemble.reference_campaign import (
     REFERENCE,
     Agreement,
     ReferenceConstants,
+    _holm,
     agreement,
     compare_reference,
 )
@@ -32,6 +33,10 @@ from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.simulator import Effects
 from vsr2.errors import ConfigError
 from vsr2.report.messages.commands import reference_table
+
+FEW = ReferenceConstants(19, 2, significant=0.25)
+"""Five measures, each of which may be the largest of twenty by chance."""
+
 
 PLANTED: Effects = (("table_gain", (0.12,)),)
 
@@ -68,7 +73,15 @@ def test_an_effect_differs(cache, blank) -> None:
     assert found["outcomes"].differs
     assert found["tilt_mean"].differs
     assert found["tilt_mean"].campaign > 0.1, "a stronger table tilts more"
-    assert found["outcomes"].p_value == pytest.approx(1 / (1 + REFERENCE.draws))
+    assert found["outcomes"].p_value == pytest.approx(len(found) / (1 + REFERENCE.draws))
+
+
+def test_p_values_hold_for_all_measures_together() -> None:
+    # Holm: the least times their number, the next times one less, none below the one before.
+    assert _holm([0.01, 0.04, 0.03, 0.9]) == pytest.approx([0.04, 0.09, 0.09, 0.9])
+    assert _holm([0.5, 0.6]) == [1.0, 1.0]
+    # As long as there are so many draws that each measure may differ.
+    assert 5 / (1 + ReferenceConstants().draws) <= ReferenceConstants().significant
 
 
 def test_outcomes_alone_are_compared_alone(cache, blank) -> None:
@@ -118,7 +131,7 @@ def folder(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 
 def test_a_known_effect_stands_in_the_scene(folder, capsys, monkeypatch) -> None:
-    monkeypatch.setattr("vsr2.ensemble.reference_campaign.REFERENCE", ReferenceConstants(19, 2))
+    monkeypatch.setattr("vsr2.ensemble.reference_campaign.REFERENCE", FEW)
     said = {}
     for name, code in (("known", 0), ("plain", 1)):
         line = ["campaign", "compare", folder / f"{name}.yaml", folder / "campaign"]
@@ -142,7 +155,7 @@ def test_an_effect_that_there_is_not_is_refused(folder) -> None:
 
 
 def test_the_noise_of_orientations_is_part_of_the_floor(folder, monkeypatch) -> None:
-    monkeypatch.setattr("vsr2.ensemble.reference_campaign.REFERENCE", ReferenceConstants(19, 2))
+    monkeypatch.setattr("vsr2.ensemble.reference_campaign.REFERENCE", FEW)
     study = load_study(folder / "known.yaml")
     noisy = simulate_campaign(
         study,

@@ -275,7 +275,9 @@ def test_a_posterior_s_file_is_that_of_what_it_was_trained_for(trained, tmp_path
         {"simulator": scene_of({})}, {"simulated": (601, 40, 50, 40, 48)}, {"seed": 1},
         {"simulated": (600, 41, 50, 40, 48)}, {"simulated": (600, 40, 50, 40, 47)},
         {"seen": replace(seen, tier="B", measured=())}, {"seen": replace(seen, tilt_noise=0.004)},
-        {"excluded": ("wear",)},
+        {"excluded": ("wear",)}, {"seen": replace(seen, relative_tilt_noise=0.1)},
+        {"seen": replace(seen, from_series=~seen.from_series)},
+        {"seen": replace(seen, motion=seen.motion[::-1])},
     ]  # fmt: skip
     found = [posterior_file(**(given | change)) for change in others]
-    assert len({path, *found}) == 11
+    assert len({path, *found}) == 14

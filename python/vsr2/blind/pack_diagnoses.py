@@ -143,7 +143,7 @@ def diagnose_pack(
     asked = [(tier, name) for tier in wanted for name in chosen]
     due = [(t, n) for t, n in asked if older or not (out / n / t / DIAGNOSIS_FILE).exists()]
     say(Statement.of(EventCode.CHECKING, due=len(due), of=len(asked)))
-    unfit = _unfit(data, asked, due)
+    unfit = _unfit(data, asked, due, hypotheses)
     _begin(out, pack, how, older)
     cache = ProtocolCache(out, series="T" in pack.tiers)
     references = _references(data, pack)
@@ -153,7 +153,7 @@ def diagnose_pack(
         turn = Turn(number, len(due), name, tier)
 
         def diagnosed(name: str = name, tier: Tier = tier, turn: Turn = turn) -> Diagnosis:
-            campaign = load_campaign(data / name)
+            campaign = _loaded(data, name)
             # Without series too, simulate them as this campaign measured them.
             sampled = replace(cache, sampling=series_sampling(campaign))
             known = _known(references, name, campaign, tier)
@@ -196,13 +196,18 @@ def _hypotheses(pack: Pack, entry: Listed, say: Say) -> Hypotheses:
     return Hypotheses(exclude=excluded, priors=pack.priors, nuisances=pack_nuisances(pack))
 
 
+def _loaded(data: Path, campaign: str) -> Campaign:
+    """A campaign of the pack, by whose id it goes, whatever name it gives itself."""
+    return replace(load_campaign(data / campaign), name=campaign)
+
+
 def _references(data: Path, pack: Pack) -> dict[str, Campaign]:
     """Campaigns that are known to have no effect, by id; without those that cannot be read."""
     out: dict[str, Campaign] = {}
     for one in pack.campaigns:
         if one.kind is not None and not one.effects:
             with suppress(Vsr2Error):
-                out[one.id] = load_campaign(data / one.id)
+                out[one.id] = _loaded(data, one.id)
     return out
 
 
@@ -221,7 +226,10 @@ def _known(
 
 
 def _unfit(
-    data: Path, asked: Sequence[tuple[Tier, str]], due: Sequence[tuple[Tier, str]]
+    data: Path,
+    asked: Sequence[tuple[Tier, str]],
+    due: Sequence[tuple[Tier, str]],
+    hypotheses: Mapping[str, Hypotheses],
 ) -> dict[tuple[Tier, str], Vsr2Error]:
     """Why campaigns cannot be diagnosed at a tier; at each tier some can.
 
@@ -232,7 +240,9 @@ def _unfit(
     for name in dict.fromkeys(name for _, name in due):
         tiers = [tier for tier, one in due if one == name]
         try:
-            campaign = load_campaign(data / name)
+            campaign = _loaded(data, name)
+            if not set(hypotheses[name].offered) - set(hypotheses[name].exclude):
+                raise BlindError(f"{name}: excludes every effect, so that none is left to look for")
         except Vsr2Error as error:
             unfit |= dict.fromkeys(((tier, name) for tier in tiers), error)
             continue
@@ -378,6 +388,7 @@ def _is_like(before: object, mine: object) -> bool:
 def _begin(out: Path, pack: Pack, how: Mapping[str, Any], older: str) -> None:
     """Note which pack the diagnoses are of, and how they are made; set older ones aside."""
     make_folder(out)
-    write_json(out / SUBMISSION, _submission(pack, how))
+    # First of all, or a kill in between would leave older ones that pass for new.
     for path in sorted(out.glob(f"*/*/{DIAGNOSIS_FILE}")) if older else ():
         path.rename(path.with_name(f"{path.stem}-{older}.json"))
+    write_json(out / SUBMISSION, _submission(pack, how))

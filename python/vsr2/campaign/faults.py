@@ -33,10 +33,16 @@ def id_fault(value: object) -> str | None:
     )
 
 
+_PEAK_TILT = re.compile("peak.*tilt|tilt.*(max|peak|largest|greatest)")
+"""What people put into names of their own for the largest tilt, in whatever unit."""
+
+
 def extra_fault(value: object) -> str | None:
     """Why `value` is no name of an extra column; None: it is one."""
     if isinstance(value, str) and _EXTRA.match(value):
         meant = peak(value.removeprefix("x_").lower())
+        if _PEAK_TILT.search(meant):
+            meant = "peak_tilt_rad"
         if meant not in ("overturned", *NUMBER_COLUMNS.values()):
             return None
         return (

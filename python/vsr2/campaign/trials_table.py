@@ -119,7 +119,9 @@ _MEANT = {
     "slip": "final_slip_m",
     "pga": "pga_g",
     "pgv": "pgv_pga_s",
-    "fell": "overturned",
+    "theta": "peak_tilt_rad",
+    "rocking": "peak_tilt_rad",
+    **dict.fromkeys(("fell", "fallen", "toppled", "overturning"), "overturned"),
 }
 """Columns by what people put into names of their own for them."""
 

@@ -151,7 +151,7 @@ def scene_simulator(
         DiagnosisError: it leaves no effect to look for.
     """
     simulator = simulator_of(
-        seen.campaign, study, hypotheses, execution, seed, series=seen.tier == "T"
+        seen.campaign, study, hypotheses, execution, seed, series=seen.reads_series
     )
     if not set(simulator.library) - set(simulator.excluded):
         raise DiagnosisError("no effect is left to look for: exclude fewer")

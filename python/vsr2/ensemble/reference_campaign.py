@@ -8,7 +8,8 @@ and starts are drawn again. A campaign that differs by more than these is not th
 
 from __future__ import annotations
 
-from dataclasses import asdict, dataclass
+from collections.abc import Sequence
+from dataclasses import asdict, dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +22,7 @@ from vsr2.ensemble.ensemble_constants import ensemble_constants
 from vsr2.ensemble.observed.features import SERIES, TILT_FEATURES, rest_features
 from vsr2.ensemble.observed.observations import Observations, observe_campaign
 from vsr2.ensemble.observed.random_streams import Stream, generator
+from vsr2.ensemble.observed.stated_noise import turn_noise
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.hypotheses import Hypotheses
 from vsr2.ensemble.simulated.look import LOOK
@@ -42,7 +44,7 @@ class ReferenceConstants:
         quantiles: of the fresh draws that are shown beside a difference.
     """
 
-    draws: int = 39
+    draws: int = 99
     starts: int = 6
     significant: float = 0.05
     quantiles: tuple[float, float] = (0.05, 0.95)
@@ -68,7 +70,10 @@ class Agreement:
         campaign: the difference.
         starts: the same of simulations with moved starts, root mean square.
         low, high: quantiles of the same under fresh draws.
-        p_value: share of fresh draws that differ by as much, itself counted.
+        p_value: share of fresh draws that differ by as much, itself counted, made larger for the
+            number of measures (S. Holm, "A simple sequentially rejective multiple test procedure",
+            Scand. J. Statist. 6, 1979): of campaigns of the scene itself a share of at most
+            `REFERENCE.significant` differs in any.
     """
 
     measure: str
@@ -130,14 +135,12 @@ def agreement(
     spots += [(draw, 1) for draw in range(1, REFERENCE.draws + 1)]
     found = cache.run([Request(i, (), *spot) for spot in spots for i in range(len(seen))])
     shape = (len(spots), len(seen))
-    overturned, peak = found.overturned.reshape(shape), found.peak_tilt.reshape(shape)
+    overturned, peak = found.overturned.reshape(shape), found.peak_tilt.reshape(shape).copy()
     turn = np.full(shape, np.nan)
     if found.features is not None and found.features.shape[1] > len(TILT_FEATURES):
         turn = found.features[:, len(TILT_FEATURES)].reshape(shape)
     rng = generator(seed, Stream.REFERENCE)
-    noise = seen.tilt_noise * rng.standard_normal(shape)
-    noise[0] = 0.0
-    peak = np.maximum(peak + noise, 0.0)
+    peak[1:] = seen.noted_tilt(peak[1:], rng)
     turn[1:] += _turn_noise(seen.campaign) * rng.standard_normal(turn[1:].shape)
     own = seen.campaign.trials
     tilts = [np.nan if t.peak_tilt is None else t.peak_tilt for t in own]
@@ -162,7 +165,19 @@ def agreement(
                 float(high), (1 + as_large) / (1 + draws.size),
             )
         )  # fmt: skip
-    return tuple(out)
+    return tuple(
+        replace(one, p_value=p)
+        for one, p in zip(out, _holm([one.p_value for one in out]), strict=True)
+    )
+
+
+def _holm(p_values: Sequence[float]) -> list[float]:
+    """P values that hold for all of them together."""
+    out, least = [0.0] * len(p_values), 0.0
+    for rank, k in enumerate(sorted(range(len(p_values)), key=p_values.__getitem__)):
+        least = max(least, min((len(p_values) - rank) * p_values[k], 1.0))
+        out[k] = least
+    return out
 
 
 def _differences(
@@ -206,6 +221,6 @@ def _turn_noise(campaign: Campaign) -> Array:
             out[i] = campaign.noise.yaw or 0.0
         elif trial.series is not None:
             rows = min(SERIES.last, len(trial.series.time))
-            stated = trial.series.noise_orientation or campaign.noise.orientation or 0.0
+            stated = turn_noise(trial.series, campaign.noise)
             out[i] = stated * np.sqrt(0.5 * np.pi / rows)
     return out

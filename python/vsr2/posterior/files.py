@@ -70,7 +70,8 @@ def posterior_file(
     parts = (
         simulator.identity, content_of(simulator.library), seen.tier,
         [feature.name for feature in seen.measured], seen.tilt_offset,
-        seen.tilt_noise, seen.rest_noise, list(simulated), seed, most, sorted(excluded),
+        seen.tilt_noise, seen.relative_tilt_noise, seen.from_series.tolist(), seen.rest_noise,
+        seen.motion.tolist(), list(simulated), seed, most, sorted(excluded),
         [astuple(one) for one in constants],
     )  # fmt: skip
     digest.update(repr(parts).encode())

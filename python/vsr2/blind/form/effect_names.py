@@ -15,13 +15,13 @@ from vsr2.blind.form.reader import Name, Part, misfit
 from vsr2.config.problems import shown
 from vsr2.effects import Effect, library
 from vsr2.errors import ConfigError
-from vsr2.near_words import NEAR, near_words
+from vsr2.near_words import slip_of
 
 
 def _no_slip(name: str) -> str:
     known = library()
-    if name not in known and (meant := near_words(name, known, alike=NEAR.slip)):
-        raise ValueError(f"there is no effect {name!r}; do you mean {meant[0]!r}?")
+    if name not in known and (meant := slip_of(name, known)):
+        raise ValueError(f"there is no effect {name!r}; do you mean {meant!r}?")
     return name
 
 

@@ -82,7 +82,7 @@ def _each_once(tiers: list[Tier]) -> list[Tier]:
 
 def _distinct(classes: tuple[tuple[str, ...], ...]) -> tuple[tuple[str, ...], ...]:
     names = [name for members in classes for name in members]
-    if len(set(names)) < len(names) or set(names) & set(ANSWERS):
+    if len(set(names)) < len(names) or set(map(str.casefold, names)) & set(ANSWERS):
         raise ValueError("each name should stand once, none and unknown in no class")
     return tuple(sorted(tuple(sorted(members)) for members in classes))
 
@@ -197,7 +197,7 @@ class _Effect(NamedEffect):
 
     @model_validator(mode="after")
     def _check_strength(self) -> _Effect:
-        if self.name in ANSWERS:
+        if self.name.casefold() in ANSWERS:
             raise misfit("name", self.name, "it is a verdict; give that of an effect")
         if self.strength not in self.values:
             raise misfit(f"values.{self.strength}", None, "give the strength's value")

@@ -253,7 +253,7 @@ def groups(cases: Sequence[Case]) -> dict[tuple[str, str], list[Case]]:
         names += [
             f"flips {_span(low, high)}"
             for low, high in _spans(GROUPS.flips)
-            if math.isnan(case.relative) and low <= case.flips < high
+            if case.kind != "none" and math.isnan(case.relative) and low <= case.flips < high
         ]
         for name in names:
             out.setdefault((case.tier, name), []).append(case)

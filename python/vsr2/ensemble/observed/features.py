@@ -133,11 +133,13 @@ class Sampling:
 
     Attributes:
         interval: of samples [s].
-        tilt_noise: standard error of a tilt [rad].
+        tilt_noise: standard error of a tilt, or of the orientation about each axis [rad].
+        axes: about which there are errors: 2 where the tilt is read from the orientation.
     """
 
     interval: float
     tilt_noise: float
+    axes: int = 1
 
     def measured(
         self, time: Array, values: Array, rng: np.random.Generator | None
@@ -153,6 +155,8 @@ class Sampling:
         tilt = np.interp(grid, time, values)
         if self.tilt_noise and rng is not None:
             tilt = np.abs(tilt + self.tilt_noise * rng.standard_normal(tilt.size))
+            for _ in range(1, self.axes):
+                tilt = np.hypot(tilt, self.tilt_noise * rng.standard_normal(tilt.size))
         return grid, tilt
 
 

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -21,6 +21,7 @@ from vsr2.ensemble.observed.features import (
     rest_features,
     tilt_features,
 )
+from vsr2.ensemble.observed.stated_noise import tilt_noise, travel_noise, turn_noise, typical
 from vsr2.errors import DiagnosisError
 from vsr2.motion import Record
 from vsr2.one_line import counted
@@ -78,6 +79,8 @@ class Observations:
         measured: what the features are.
         tilt_offset: added to tilts before the logarithm [rad].
         tilt_noise: standard error of the largest tilt [rad].
+        relative_tilt_noise: of its logarithm, beside that.
+        from_series: trials whose largest tilt is that of their series, shape (n,).
         rest_noise: standard errors of the final turn [rad] and of the final travel [m].
         motion, session, specimen: indices from 0, shape (n,).
         order: 0 at the first trial, 1 at the last, shape (n,).
@@ -91,6 +94,8 @@ class Observations:
     measured: tuple[Feature, ...]
     tilt_offset: float
     tilt_noise: float
+    relative_tilt_noise: float
+    from_series: NDArray[np.bool_]
     rest_noise: tuple[float, float]
     motion: NDArray[np.int64]
     session: NDArray[np.int64]
@@ -101,6 +106,11 @@ class Observations:
 
     def __len__(self) -> int:
         return self.overturned.size
+
+    @property
+    def reads_series(self) -> bool:
+        """Whether anything that counts is read from series."""
+        return self.tier == "T" or (self.tier == "M" and bool(self.from_series.any()))
 
     def noted(
         self,
@@ -115,7 +125,8 @@ class Observations:
             overturned: shape (..., n).
             peak: largest tilts [rad], shape (..., n).
             series: of simulated series, as `Responses.features`, shape (..., n, k), needed for
-                tier T.
+                tier T. Where a largest tilt is that of a series, it is that of the simulated one,
+                sampled and noisy as it is; without these it is taken as measured by itself.
             rng: of the measurements' noise.
 
         Returns:
@@ -126,8 +137,10 @@ class Observations:
         if self.tier == "B":
             return out
         standing = overturned < 0.5
-        noise = self.tilt_noise * rng.standard_normal(overturned.shape)
-        seen = np.log(np.maximum(peak + noise, 0.0) + self.tilt_offset)
+        largest = self.noted_tilt(peak, rng)
+        if series is not None and self.from_series.any():
+            largest = np.where(self.from_series, np.exp(series[..., 0]), largest)
+        seen = np.log(largest + self.tilt_offset)
         out[..., 0] = np.where(standing, seen, np.nan)
         if self.tier != "T" or series is None:
             return out
@@ -141,6 +154,18 @@ class Observations:
                 known = rest_logarithm(raw, OBSERVED.rest_resolution[k], self.rest_noise[k])
                 out[..., self.measured.index(feature)] = np.where(standing, known, np.nan)
         return out
+
+    def noted_tilt(self, peak: Array, rng: np.random.Generator) -> Array:
+        """Largest tilts as this campaign would have noted them by themselves [rad].
+
+        Args:
+            peak: true ones [rad], of any shape.
+            rng: of the noise.
+        """
+        noted = peak + self.tilt_noise * rng.standard_normal(peak.shape)
+        if self.relative_tilt_noise:
+            noted = noted * np.exp(self.relative_tilt_noise * rng.standard_normal(peak.shape))
+        return np.asarray(np.maximum(noted, 0.0))
 
 
 def rest_logarithm(size: Array, resolution: float, noise: float) -> Array:
@@ -210,8 +235,8 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
     noise = used.noise.peak_tilt or 0.0
     offset = max(OBSERVED.least_tilt, noise)
     rest_noise = (
-        SERIES.rest_noise * (used.noise.orientation or used.noise.yaw or 0.0),
-        SERIES.rest_noise * (used.noise.position or 0.0),
+        SERIES.rest_noise * typical(used, turn_noise),
+        SERIES.rest_noise * typical(used, travel_noise),
     )
     columns: list[Array] = []
     measured: list[Feature] = []
@@ -248,6 +273,8 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
         measured=tuple(measured),
         tilt_offset=offset,
         tilt_noise=noise,
+        relative_tilt_noise=used.noise.peak_tilt_relative or 0.0,
+        from_series=np.array([t.peak_tilt is None and _tilt(t) is not None for t in used.trials]),
         rest_noise=rest_noise,
         motion=_index([trial.motion for trial in used.trials]),
         session=_index([trial.session for trial in used.trials]),
@@ -282,20 +309,20 @@ def _reached_tier(campaign: Campaign, wanted: Tier | None) -> Tier:
 def series_sampling(campaign: Campaign) -> Sampling | None:
     """How the campaign's tilts were measured in time; None: they were not.
 
-    The median sampling interval of all trials, and their stated noise or else the campaign's.
+    The median sampling interval of all trials, and the median of their noise. The errors of an
+    orientation count about two axes, where most tilts are read from one.
     """
-    found = [t.series for t in campaign.trials if t.series is not None and _tilt(t) is not None]
-    intervals = [float(np.median(np.diff(one.time))) for one in found if one.time.size > 1]
+    found = [t for t in campaign.trials if t.series is not None and _tilt(t) is not None]
+    series = [t.series for t in found if t.series is not None]
+    intervals = [float(np.median(np.diff(one.time))) for one in series if one.time.size > 1]
     if not intervals:
         return None
-    stated = [one.noise_tilt for one in found if one.noise_tilt is not None]
-    noise = float(np.median(stated)) if stated else campaign.noise.tilt or 0.0
-    return Sampling(float(np.median(intervals)), noise)
+    axes = 1 if 2 * sum(one.tilt is not None for one in series) >= len(series) else 2
+    noise = typical(replace(campaign, trials=tuple(found)), tilt_noise)
+    return Sampling(float(np.median(intervals)), noise, axes)
 
 
 def _in_order(campaign: Campaign) -> Campaign:
-    from dataclasses import replace
-
     return replace(campaign, trials=tuple(sorted(campaign.trials, key=lambda t: t.order)))
 
 

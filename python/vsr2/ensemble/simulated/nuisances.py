@@ -231,6 +231,13 @@ class Nuisance:
         prior = distribution(complete, (*words, "relative", "correlation"))
         own = usual and usual.prior
         if isinstance(own, DrawnByEffect) and not isinstance(prior, DrawnByEffect):
+            if not math.isclose(prior.sd + prior.value(0.0), prior.sd):
+                raise DiagnosisError(
+                    f"{name} draws {parameter} about 0 in each trial, and this distribution has "
+                    f"its middle at {prior.value(0.0):g}; give one about 0, or `by_effect` with "
+                    "its sd; what is alike in every trial is an effect or a nuisance of its own, "
+                    "such as registration"
+                )
             prior = replace(own, sd=prior.sd)
         if isinstance(prior, DrawnByEffect):
             scope = Scope.TRIAL
