@@ -9,7 +9,7 @@ from vsr2.argument_names import checked_names
 from vsr2.campaign import Campaign, Tier, load_campaign
 from vsr2.config import Study, load_study
 from vsr2.config.seeds import checked_seed
-from vsr2.diagnosis.budget import SCHEDULE, Budget
+from vsr2.diagnosis.budget import SCHEDULE, Budget, Stopwatch
 from vsr2.diagnosis.corrected import with_correction, write_corrected, write_scenes
 from vsr2.diagnosis.pipeline import Question, diagnose_with
 from vsr2.diagnosis.verdict.document import FILE, Diagnosis
@@ -61,7 +61,7 @@ def diagnose(
         CampaignError, ConfigError, GeometryError, MotionError, SimulationError: campaign or scene
             cannot be used.
     """
-    seed = checked_seed(seed, DiagnosisError)
+    watch, seed = Stopwatch(), checked_seed(seed, DiagnosisError)
     given = (campaign if isinstance(campaign, Campaign) else load_campaign(campaign)).on_file()
     study = scene if isinstance(scene, Study) else load_study(scene)
     check_study_effects(study.effects, study.name if isinstance(scene, Study) else scene)
@@ -97,6 +97,7 @@ def diagnose(
             "priors": hypotheses.ends,
             "nuisance_priors": [one.to_json() for one in simulator.nuisances],
         },
+        watch=watch,
     )
     found = with_correction(found, study, simulator.library)
     if folder is not None:

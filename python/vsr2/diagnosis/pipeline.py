@@ -86,6 +86,7 @@ def diagnose_with(
     budget: Budget | None = None,
     report: Report | None = None,
     provenance: Mapping[str, Any] | None = None,
+    watch: Stopwatch | None = None,
 ) -> Diagnosis:
     """Diagnose a campaign with a simulator of its trials.
 
@@ -97,6 +98,7 @@ def diagnose_with(
         budget: of simulated campaigns.
         report: called with progress.
         provenance: of campaign and simulator, to go into the diagnosis.
+        watch: started where the budget's time begins; None: here.
 
     Returns:
         The diagnosis; equal campaign, simulator, seed and number of campaigns give an equal one.
@@ -106,7 +108,7 @@ def diagnose_with(
             a reference has other trials.
         ResultError: the cache cannot be used.
     """
-    watch = Stopwatch()
+    watch = Stopwatch() if watch is None else watch
     seed = question.seed
     seen = observe_campaign(campaign, question.tier)
     references = [_reference(one, seen) for one in question.references]
