@@ -125,7 +125,12 @@ class Prediction(OneLine):
 
     @property
     def standard_error(self) -> Array:
-        """Monte-Carlo standard error of the probability, shape (trials,)."""
+        """Monte-Carlo standard error of the probability, shape (trials,); NaN with margins.
+
+        A probability by margins rests on all replicates and motions together.
+        """
+        if self.margins is not None:
+            return np.full(len(self.campaign), np.nan)
         return probability_error(self.outcomes)
 
     @property
