@@ -295,6 +295,16 @@ def test_verbosity_chooses_what_is_logged(
     assert logger.level == logging.NOTSET
 
 
+def test_no_figures_of_a_replaced_result_stay(study: Path, tmp_path: Path) -> None:
+    line = ["run", str(study), "--out", str(tmp_path / "out"), "--quiet"]
+    assert main(line) == 0
+    figures = tmp_path / "out" / "figures"
+    (figures / "mine.png").write_bytes(b"")
+    assert len(list(figures.iterdir())) > 2
+    assert main([*line, "--overwrite", "--no-figures"]) == 0
+    assert [path.name for path in figures.iterdir()] == ["mine.png"]
+
+
 def test_the_journal_taken_up_is_logged(
     study: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
 ) -> None:

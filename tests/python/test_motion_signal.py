@@ -43,11 +43,27 @@ def test_units_say_what_a_signal_is() -> None:
     made = from_signal(moved, H, "cm", name="x")
     assert np.abs(made.displacement).max() == pytest.approx(np.abs(moved).max() / 100, rel=1e-3)
     assert made.name == "x"
+    with pytest.raises(MotionError, match="units 'gg' are not known; use one of g, m/s"):
+        from_signal(moved, H, "gg")  # type: ignore[arg-type]
 
 
 def test_what_is_no_acceleration_is_refused() -> None:
     for signal, units, words in (
-        (SIGNAL, "ft/s^2", "units 'ft/s\\^2' are not known; use one of g, m/s\\^2"),
+        (
+            SIGNAL,
+            "ft/s^2",
+            "units 'ft/s\\^2' are not known; of an acceleration use one of g, m/s\\^2",
+        ),
+        (
+            SIGNAL,
+            "cm",
+            "units 'cm' are those of a displacement, which vsr2.motion.from_signal takes",
+        ),
+        (
+            SIGNAL,
+            "m/s",
+            "units 'm/s' are those of a velocity, which vsr2.motion.from_signal takes",
+        ),
         (SIGNAL[:5], "g", "needs one dimension and 16"),
         (["a"] * 20, "g", "is not an array of numbers"),
         (np.full(50, np.nan), "g", "acceleration is nan"),

@@ -77,7 +77,7 @@ def _run_all(
 ) -> int:
     from dataclasses import replace
 
-    from vsr2.report import summary_table, write_figures
+    from vsr2.report import remove_figures, summary_table, write_figures
     from vsr2.report.messages.commands import study_begins
     from vsr2.results import (
         FIGURE_FOLDER,
@@ -124,6 +124,9 @@ def _run_all(
         written += write_figures(
             load_result(folder, logs=False), folder / FIGURE_FOLDER, logs_from=folder
         )
+    else:
+        # Those of a result that was replaced.
+        remove_figures(folder / FIGURE_FOLDER)
     remove_journal(folder)
     if not options.quiet:
         print(summary_table(result))

@@ -190,9 +190,27 @@ class Motion(OneLine, ReadOnlyArrays):
         baseline: int | None = None,
         name: str = "record",
     ) -> Motion:
-        """The motion of a recorded acceleration; see :func:`vsr2.motion.from_signal`."""
-        from vsr2.motion.signal_motion import from_signal
+        """The motion of a recorded acceleration.
 
+        Args:
+            acceleration: shape (n,) [`units`].
+            interval: between samples [s].
+            units: of the samples, those of an acceleration: `g`, `m/s^2`, `cm/s^2`, `gal`, ...
+            time_step: of the simulation that follows [s].
+            filter: band-pass at the record's own sampling; None: none.
+            baseline: degree of a polynomial to take off first; None: none.
+            name: of the motion.
+
+        Raises:
+            MotionError: units of no acceleration; :func:`vsr2.motion.from_signal` takes velocities
+                and displacements. What :class:`vsr2.motion.Record` refuses.
+
+        Warns:
+            MotionWarning: a PGA above 3 g.
+        """
+        from vsr2.motion.signal_motion import from_signal, require_acceleration
+
+        require_acceleration(units, name)
         return from_signal(
             acceleration,
             interval,

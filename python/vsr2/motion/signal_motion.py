@@ -19,6 +19,28 @@ from vsr2.motion.study_motions import build_recorded_motion, warn_of_unusual_pga
 from vsr2.motion.units import UNITS, unit_in
 
 
+def require_acceleration(units: object, name: str) -> None:
+    """Refuse units that are not those of an acceleration.
+
+    Args:
+        units: as they were given.
+        name: of the motion, for the error.
+
+    Raises:
+        MotionError: names them, those that serve, and what takes others.
+    """
+    unit = unit_in(units) if isinstance(units, str) else None
+    if unit is not None and UNITS[unit][0] == "acceleration":
+        return
+    known = ", ".join(one for one, (quantity, _) in UNITS.items() if quantity == "acceleration")
+    what = "not known"
+    if unit is not None:
+        what = f"those of a {UNITS[unit][0]}, which vsr2.motion.from_signal takes"
+    raise MotionError(
+        f"motion {name!r}: units {shown(units)} are {what}; of an acceleration use one of {known}"
+    )
+
+
 @checked_names(MotionError, {"dt": "interval"})
 def from_signal(
     signal: ArrayLike,

@@ -76,6 +76,21 @@ def representative_trials(
     return sorted(chosen)
 
 
+def remove_figures(folder: str | os.PathLike[str]) -> None:
+    """Remove the figures that :func:`write_figures` left in a folder; other files stay.
+
+    Raises:
+        ResultError: a file cannot be removed.
+    """
+    path = Path(folder)
+    try:
+        for pattern in _OWN_FILES:
+            for old in path.glob(pattern):
+                old.unlink()
+    except OSError as error:
+        raise ResultError(f"{path}: cannot be used for figures ({error.strerror})") from error
+
+
 def write_figures(
     result: BatchResult,
     folder: str | os.PathLike[str],
@@ -102,11 +117,9 @@ def write_figures(
     path = Path(folder)
     try:
         path.mkdir(parents=True, exist_ok=True)
-        for pattern in _OWN_FILES:
-            for old in path.glob(pattern):
-                old.unlink()
     except OSError as error:
         raise ResultError(f"{path}: cannot be used for figures ({error.strerror})") from error
+    remove_figures(path)
     shown: dict[str, str] = {}
 
     def draw(name: str, figure: Figure, caption: str) -> None:

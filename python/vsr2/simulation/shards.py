@@ -15,6 +15,7 @@ from pathlib import Path
 from typing import Any, Self
 
 from vsr2.errors import ResultError, SimulationError
+from vsr2.one_line import counted
 from vsr2.results import (
     SHARD_FOLDER,
     BatchResult,
@@ -184,7 +185,9 @@ def merge_shards(
 
 def _check_count(count: int, trials: int) -> None:
     if count > trials:
-        raise SimulationError(f"{count} shards for {trials} trials; use at most {trials} shards")
+        raise SimulationError(
+            f"{count} shards for {counted(trials, 'trial')}; use at most {counted(trials, 'shard')}"
+        )
 
 
 def _shards(folder: Path) -> list[Shard]:
