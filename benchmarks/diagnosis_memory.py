@@ -131,8 +131,8 @@ def made_up(campaigns: int, trials: int, most: int) -> tuple[Observations, Campa
     seen = Observations(
         # Training asks an observed campaign what it measures, and not for its trials.
         None, "T", blank, np.zeros((trials, len(measured))), measured,  # type: ignore[arg-type]
-        0.003, 0.001, (0.01, 0.001), index // 5, blank.astype(int), blank.astype(int),
-        index / trials, blank, blank,
+        0.003, 0.001, 0.0, blank > 0, (0.01, 0.001), index // 5, blank.astype(int),
+        blank.astype(int), index / trials, blank, blank,
     )  # fmt: skip
     return seen, simulated
 

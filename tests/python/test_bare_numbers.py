@@ -54,7 +54,7 @@ UNTUNED: dict[str, set[str]] = {
         "campaign/series.py:NORM_TOLERANCE", "posterior/network.py:FORBIDDEN",
         "ensemble/simulated/library.py:HALVINGS", "ensemble/simulated/simulator.py:RATIO_STEPS",
         "effects/rounding.py:_SAME", "effects/support.py:_UPRIGHT", "effects/underside.py:_LEVEL",
-        "motion/motion.py:START_TOLERANCE", "motion/sample_spline.py:ROUNDING",
+        "motion/motion.py:START_TOLERANCE", "motion/sample_spline.py:BOUND_ROUNDING",
         "motion/sample_spline.py:SETTLED",
         "motion/two_components.py:SAME_INTERVAL",
         "scene/mass.py:DIAGONAL_TOLERANCE", "scene/mass.py:EQUAL_MOMENTS",

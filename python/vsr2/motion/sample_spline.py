@@ -29,7 +29,7 @@ SETTLED = 48
 from the end for degree 5, from 21 to the fifth for degree 3."""
 BLOCK = 4096
 """Positions at a time: what belongs to them stays in the processor's cache."""
-ROUNDING = 1e-9
+BOUND_ROUNDING = 1e-9
 """Relative error of a value, over that of its bound, which is far greater than any."""
 MAX_KEPT = 2**16
 """Positions whose weights are kept: 3 MB for each order of a quintic spline."""
@@ -142,7 +142,7 @@ def greatest(spline: BSpline, position: Array, order: int) -> float:
     bounds = magnitude[: last - first + 1].copy()
     for k in range(1, spline.k + 1 - order):
         np.maximum(bounds, magnitude[k : k + bounds.size], out=bounds)
-    bounds *= 1 + ROUNDING
+    bounds *= 1 + BOUND_ROUNDING
     for likeliest in (True, False):
         looked_at = first + np.flatnonzero(bounds >= bounds.max() if likeliest else bounds > best)
         edges = np.searchsorted(position[begin:end], [looked_at, looked_at + 1]) + begin
