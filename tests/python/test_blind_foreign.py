@@ -219,7 +219,8 @@ def test_motions_of_several_campaigns_are_sealed_once(tmp_path) -> None:
 
 def test_without_detection_limits_campaigns_go_by_the_outcomes_that_flip(tmp_path) -> None:
     key = copy.deepcopy(KEY)
-    for name, flips in (("Hall.1", 0.2), ("hall-3", 0.03)):
+    # Hall.2 has no effect, and its flips are in no group.
+    for name, flips in (("Hall.1", 0.2), ("Hall.2", 0.0), ("hall-3", 0.03)):
         key["campaigns"][name]["flips"] = flips
     data, kept = write_pack(tmp_path, key)
     out = write_diagnoses(data, tmp_path / "out")

@@ -7,13 +7,11 @@ import shutil
 import subprocess
 import sys
 from base64 import b64decode
-from collections import Counter
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-import vsr2.blind
 import vsr2.blind.custodian.pack_making as make_module
 from blind_samples import ALTERED_SUBMISSIONS, SCENE, diagnosis, make, pulses, stand_in
 from vsr2.blind import (
@@ -22,16 +20,15 @@ from vsr2.blind import (
     make_pack,
     score_pack,
 )
-from vsr2.blind.custodian.pack_making import Made
 from vsr2.blind.form.diagnosis_form import DIAGNOSIS_FILE
 from vsr2.blind.form.events import EventCode
-from vsr2.blind.form.pack_settings import KINDS
-from vsr2.blind.form.seal import open_key, read_json
+from vsr2.blind.form.seal import read_json
 from vsr2.blind.pack_diagnoses import at_tier
 from vsr2.campaign import load_campaign, save_campaign
 from vsr2.cli.main import main
 from vsr2.config import load_study
 from vsr2.diagnosis import Budget
+from vsr2.effects import library
 from vsr2.ensemble import Execution
 from vsr2.ensemble.execution import Progress, Stage, Turn
 from vsr2.ensemble.simulated.cache import KEY
@@ -116,6 +113,32 @@ def test_references_without_effect_serve_campaigns_of_equal_trials(small, tmp_pa
     assert [how["hypotheses"].references for _, how in Stub.calls] == [[], [], []]
 
 
+def test_campaigns_of_one_name_go_by_their_ids(small, tmp_path) -> None:
+    pack = read_json(small / "pack.json")
+    names = [entry["id"] for entry in pack["campaigns"]]
+    pack["campaigns"][1]["kind"] = "reference"
+    (small / "pack.json").write_text(json.dumps(pack))
+    for name in names:
+        file = small / name / "campaign.yaml"
+        file.write_text(file.read_text().replace(f"name: {name}", "name: campaign"))
+    assert not diagnose_pack(small, tmp_path / "out", tiers=["B"]).failed
+    used = {c.name: [r.name for r in how["hypotheses"].references] for c, how in Stub.calls}
+    assert used == {name: [] if name == names[1] else [names[1]] for name in names}
+
+
+def test_a_campaign_that_excludes_every_effect_is_said_first(small, tmp_path) -> None:
+    pack = read_json(small / "pack.json")
+    pack["campaigns"][2]["exclude"] = sorted(library())
+    (small / "pack.json").write_text(json.dumps(pack))
+    said, name = [], pack["campaigns"][2]["id"]
+    assert diagnose_pack(small, tmp_path / "out", tiers=["M"], say=said.append).failed == (
+        f"{name} M",
+    )
+    assert [event.code for event in said[:2]] == [EventCode.CHECKING, EventCode.FAILED]
+    assert "excludes every effect" in said[1].values["message"]
+    assert len(Stub.calls) == 3
+
+
 def test_a_damaged_campaign_fails_alone(small, tmp_path) -> None:
     first = read_json(small / "pack.json")["campaigns"][0]["id"]
     (small / first / "trials.csv").write_text("not a table")
@@ -177,6 +200,22 @@ def test_campaigns_may_rise_and_then_all_is_diagnosed_again(small, tmp_path) -> 
         diagnosed(200)
 
 
+def test_older_diagnoses_are_set_aside_before_the_folder_says_otherwise(
+    small, tmp_path, monkeypatch
+) -> None:
+    out = tmp_path / "out"
+    diagnose_pack(small, out, tiers=["M"], budget=Budget(campaigns=200))
+
+    def killed(*given):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("vsr2.blind.pack_diagnoses.write_json", killed)
+    with pytest.raises(KeyboardInterrupt):
+        diagnose_pack(small, out, tiers=["M"], budget=Budget(campaigns=300))
+    assert read_json(out / "submission.json")["campaigns"] == 200
+    assert not list(out.glob(f"*/*/{DIAGNOSIS_FILE}"))
+
+
 @pytest.mark.parametrize("message", ALTERED_SUBMISSIONS)
 def test_a_submission_altered_by_hand_is_refused(message, small, tmp_path) -> None:
     budget, path = Budget(campaigns=200), tmp_path / "out" / "submission.json"
@@ -228,89 +267,6 @@ def test_what_is_not_there_is_refused(small, tmp_path) -> None:
     with pytest.raises(BlindError, match=f"lists '{gone}', but there is no such folder"):
         diagnose_pack(small, tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-def test_the_command_makes_open_packs_from_a_seed_and_no_others(quick, tmp_path, capsys) -> None:
-    sizes = ["--trials", "40", "--motions", "4", "--catalogue", "5", "--sessions", "3"]
-    sizes += ["--replicates", "4", "--signal-trials", "8"]
-    counts = ["--single", "2", "1", "--none", "1", "--pair", "0", "--unknown", "0", "--hidden", "3"]
-    pack = tmp_path / "pack"
-    command = ["blind", "make", str(SCENE), "--out", str(pack), "--seed", "4", *sizes, *counts]
-    command += ["--engine", "mujoco", "--engine", "bullet"]
-    assert main(command) == 2
-    assert "--development" in capsys.readouterr().err
-    assert main([*command, "--development"]) == 0
-    assert "5 campaigns, sealed as" in capsys.readouterr().out
-    # The key lies beside the pack, so that who publishes the pack keeps it.
-    key = open_key(pack / "data", tmp_path / "pack-key")
-    found = Counter((e["engine"], e["kind"]) for e in key["campaigns"].values())
-    assert found["mujoco", "single"] == 2
-    assert found["bullet", "single"] == found["mujoco", "none"] == found["bullet", "none"] == 1
-    # A finished pack is not made again, but for --resume, which changes nothing.
-    assert main([*command, "--development"]) == 2
-    assert "holds the key of a pack; go on with it by --resume" in capsys.readouterr().err
-    assert main([*command, "--development", "--resume", "--quiet"]) == 0
-    assert capsys.readouterr().out == ""
-
-
-def test_a_pack_needs_a_name_or_a_key(quick, tmp_path, capsys, monkeypatch) -> None:
-    monkeypatch.setattr(vsr2.blind, "make_pack", lambda study, pack, key, *a, **k: made(pack, key))
-    asked = []
-
-    def made(pack, key):
-        asked.append((pack, key))
-        return Made(commitment="0", campaigns=0, not_drawn={}, refused={})
-
-    here = tmp_path / "here"
-    here.mkdir()
-    monkeypatch.chdir(here)
-    assert main(["blind", "make", str(SCENE), "--out", "."]) == 0
-    assert asked == [(Path("."), tmp_path / "here-key")]
-    capsys.readouterr()
-    assert main(["blind", "make", str(SCENE), "--out", "/"]) == 2
-    assert "/: has no name that the key's folder could have; add --key" in capsys.readouterr().err
-
-
-def test_the_command_refuses_sizes_that_no_diagnosis_takes(quick, tmp_path, capsys) -> None:
-    command = ["blind", "make", str(SCENE), "--out", str(tmp_path / "pack")]
-    for size, message in (
-        (["--trials", "39"], "--trials is 39; `vsr2 blind diagnose` takes campaigns of 40"),
-        (["--motions", "3"], "--motions is 3; `vsr2 blind diagnose` takes campaigns of 4"),
-    ):
-        assert main([*command, *size]) == 2
-        assert message in capsys.readouterr().err
-    assert not (tmp_path / "pack").exists()
-
-
-@pytest.mark.parametrize(
-    ("asked", "expected"),
-    [([], {}), (["--none", "3"], {"none": 3}), (["--single", "2", "--none", "0"], {"single": 2})],
-)
-def test_leaving_out_in_turn_keeps_what_is_asked_for(
-    study, tmp_path, monkeypatch, asked, expected
-) -> None:
-    seen = []
-
-    def made(study, pack, key, settings, **how):
-        seen.append(settings)
-        return Made(0, "", {"mujoco": ["wear below 0"]}, {"mujoco": {"friction": 2}})
-
-    monkeypatch.setattr(vsr2.blind, "make_pack", made)
-    command = ["blind", "make", str(SCENE), "--out", str(tmp_path), "--leave-one-out", "2", *asked]
-    assert main(command) == 0
-    assert seen[0].leave_one_out == 2
-    counts = dict.fromkeys(KINDS, 0) | expected
-    assert seen[0].counts("mujoco") == counts
-
-
-def test_the_command_says_what_was_not_drawn(tmp_path, monkeypatch, capsys) -> None:
-    found = Made(3, "ff", {"bullet": ["base_asperity", "wear below 0"]}, {"bullet": {"inertia": 2}})
-    monkeypatch.setattr(vsr2.blind, "make_pack", lambda *args, **how: found)
-    assert main(["blind", "make", str(SCENE), "--out", str(tmp_path)]) == 0
-    said = capsys.readouterr().out
-    assert "bullet: no magnitudes from 0.5 to 6 detection limits, not drawn: base_asperity" in said
-    assert "wear below 0" in said
-    assert "not drawn for so many campaigns: inertia (2)" in said
 
 
 # --- from end to end ----------------------------------------------------------------------------

@@ -430,7 +430,7 @@ def test_a_model_that_cannot_be_read_is_named(folder, tmp_path):
     ("name", "meant"),
     [("max_tilt_rad", "peak_tilt_rad"), ("pga_ms2", "pga_g"), ("peak_tilt_deg", "peak_tilt_rad"),
      ("pgv_pga", "pgv_pga_s"), ("slip_m", "final_slip_m"), ("sesion_", "session"),
-     ("notes", "note"), ("overturn", "overturned")],
+     ("notes", "note"), ("overturn", "overturned"), ("toppled", "overturned")],
 )  # fmt: skip
 def test_a_column_of_another_name_is_distinguished_from_the_form_s_own(folder, name, meant):
     path = folder / "trials.csv"

@@ -18,6 +18,7 @@ from vsr2.ensemble import Hypotheses
 from vsr2.ensemble.simulated.cache import SimulationCache
 from vsr2.ensemble.simulated.campaigns import (
     SET_PRIOR,
+    Acting,
     draw_acting,
     draw_set,
     insensitive,
@@ -123,14 +124,21 @@ def test_sizes_are_log_uniform_in_detection_limits() -> None:
     assert 0.7 < shares.max() <= 1.0
 
 
+RULE = {"outcome_rule": PLANAR_LIBRARY["outcome_rule"]}
+
+
+def of_rule(tilt: Limit, flips: Limit) -> dict[tuple[str, str, int], Limit]:
+    """Limits of its two primary parameters."""
+    return {("outcome_rule", "tilt", 1): tilt, ("outcome_rule", "flips", 1): flips}
+
+
+def drawn_rules(tilt: Limit, flips: Limit, count: int) -> list[Acting]:
+    rng, limits = np.random.default_rng(1), of_rule(tilt, flips)
+    return [draw_acting(RULE, "outcome_rule", limits, rng) for _ in range(count)]
+
+
 def test_one_of_two_primary_parameters_acts_alone_in_half_of_the_draws() -> None:
-    rule = {"outcome_rule": PLANAR_LIBRARY["outcome_rule"]}
-    limits = {
-        ("outcome_rule", "tilt", 1): Limit(0.1, jumps=False),
-        ("outcome_rule", "flips", 1): Limit(0.02, jumps=False),
-    }
-    rng = np.random.default_rng(1)
-    drawn = [draw_acting(rule, "outcome_rule", limits, rng) for _ in range(1000)]
+    drawn = drawn_rules(Limit(0.1, jumps=False), Limit(0.02, jumps=False), 1000)
     tilt, flips = np.array([one.values for one in drawn]).T
     at_null = np.column_stack([np.isinf(tilt), flips == 0])
     assert not at_null.all(axis=1).any()
@@ -147,25 +155,14 @@ def test_one_of_two_primary_parameters_acts_alone_in_half_of_the_draws() -> None
 
 
 def test_a_parameter_that_shows_nowhere_carries_no_size() -> None:
-    rule = {"outcome_rule": PLANAR_LIBRARY["outcome_rule"]}
-    limits = {
-        ("outcome_rule", "tilt", 1): Limit(30.0, jumps=False),
-        ("outcome_rule", "flips", 1): Limit(0.02, jumps=False),
-    }
-    rng = np.random.default_rng(1)
-    assert insensitive(rule, limits) == ()
-    flips = [draw_acting(rule, "outcome_rule", limits, rng).values[1] for _ in range(200)]
+    limits = of_rule(Limit(30.0, jumps=False), Limit(0.02, jumps=False))
+    assert insensitive(RULE, limits) == ()
+    flips = [one.values[1] for one in drawn_rules(*limits.values(), 200)]
     assert min(flips) >= SET_PRIOR.least * 0.02 * 0.03 * (1 - 1e-9)
 
 
 def test_beside_what_jumps_others_keep_to_sizes_that_a_campaign_just_shows() -> None:
-    rule = {"outcome_rule": PLANAR_LIBRARY["outcome_rule"]}
-    limits = {
-        ("outcome_rule", "tilt", 1): Limit(0.001, jumps=True),
-        ("outcome_rule", "flips", 1): Limit(0.01, jumps=False),
-    }
-    rng = np.random.default_rng(1)
-    drawn = [draw_acting(rule, "outcome_rule", limits, rng) for _ in range(400)]
+    drawn = drawn_rules(Limit(0.001, jumps=True), Limit(0.01, jumps=False), 400)
     sizes, flips = np.array([(one.size, one.values[1] / 0.03 / 0.01) for one in drawn]).T
     # Where flips carry the size, they go to the prior's end in some draws.
     assert flips.max() > 2 * SET_PRIOR.most
@@ -175,17 +172,12 @@ def test_beside_what_jumps_others_keep_to_sizes_that_a_campaign_just_shows() -> 
 
 
 def test_what_a_campaign_does_not_show_acts_beside_another_over_all_of_its_range() -> None:
-    rule = {"outcome_rule": PLANAR_LIBRARY["outcome_rule"]}
-    limits = {
-        ("outcome_rule", "tilt", 1): Limit(0.1, jumps=False),
-        ("outcome_rule", "flips", 1): Limit(3000.0, jumps=False),
-    }
-    rng = np.random.default_rng(1)
-    drawn = [draw_acting(rule, "outcome_rule", limits, rng) for _ in range(1000)]
+    drawn = drawn_rules(Limit(0.1, jumps=False), Limit(3000.0, jumps=False), 1000)
     flips = np.array([one.values[1] for one in drawn]) / 0.03
+    # Only the tilt carries the size, alone in half. Three standard errors of 1,000 and 500 draws.
     assert (flips == 0).mean() == pytest.approx(SET_PRIOR.alone, abs=0.05)
     quartiles = np.quantile(flips[flips > 0], [0.25, 0.5, 0.75])
-    np.testing.assert_allclose(quartiles, [0.25, 0.5, 0.75], atol=0.08)
+    np.testing.assert_allclose(quartiles, [0.25, 0.5, 0.75], atol=0.07)
 
 
 def test_a_prior_that_is_meant_as_it_stands_is_drawn_over_its_full_range() -> None:

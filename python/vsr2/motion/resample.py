@@ -73,7 +73,7 @@ class Resampled:
         (second,) = at(self.spline, self.position, (2,), _weights(self.ratio))
         return np.append(second / self.interval**2, 0.0)
 
-    @cached_property
+    @property
     def peak_acceleration(self) -> float:
         """Greatest magnitude of the acceleration [m/s^2], to the last bit, in less time."""
         return greatest(self.spline, self.position, 2) / self.interval**2

@@ -128,6 +128,9 @@ def greatest(spline: BSpline, position: Array, order: int) -> float:
         spline: of :func:`sample_spline`.
         position: ascending, shape (m,).
         order: of the derivative, below the spline's degree.
+
+    Returns:
+        In the samples' unit, a derivative by the sample number; 0 where there is no position.
     """
     low, high = _uniform(spline)
     begin, end = np.searchsorted(position, (low, max(low, high))).tolist()

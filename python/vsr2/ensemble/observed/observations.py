@@ -234,10 +234,7 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
     overturned = used.overturned
     noise = used.noise.peak_tilt or 0.0
     offset = max(OBSERVED.least_tilt, noise)
-    rest_noise = (
-        SERIES.rest_noise * typical(used, turn_noise),
-        SERIES.rest_noise * typical(used, travel_noise),
-    )
+    rest_noise = _rest_noise(used)
     columns: list[Array] = []
     measured: list[Feature] = []
     if tier != "B":
@@ -285,6 +282,13 @@ def observe_campaign(campaign: Campaign, tier: Tier | None = None) -> Observatio
     )
 
 
+def _rest_noise(campaign: Campaign) -> tuple[float, float]:
+    """Standard errors of a final turn [rad] and of a final travel [m], typical of its series."""
+    series = [trial.series for trial in campaign.trials if trial.series is not None]
+    turn, travel = (typical(series, campaign.noise, of) for of in (turn_noise, travel_noise))
+    return SERIES.rest_noise * turn, SERIES.rest_noise * travel
+
+
 def _reached_tier(campaign: Campaign, wanted: Tier | None) -> Tier:
     """The tier that nine in ten trials reach (`OBSERVED.most_lacking`), or a lower one."""
     standing = [t for t in campaign.trials if not t.overturned]
@@ -312,13 +316,13 @@ def series_sampling(campaign: Campaign) -> Sampling | None:
     The median sampling interval of all trials, and the median of their noise. The errors of an
     orientation count about two axes, where most tilts are read from one.
     """
-    found = [t for t in campaign.trials if t.series is not None and _tilt(t) is not None]
-    series = [t.series for t in found if t.series is not None]
+    known = [trial.series for trial in campaign.trials if trial.series is not None]
+    series = [one for one in known if one.tilt_angle is not None]
     intervals = [float(np.median(np.diff(one.time))) for one in series if one.time.size > 1]
     if not intervals:
         return None
     axes = 1 if 2 * sum(one.tilt is not None for one in series) >= len(series) else 2
-    noise = typical(replace(campaign, trials=tuple(found)), tilt_noise)
+    noise = typical(series, campaign.noise, tilt_noise)
     return Sampling(float(np.median(intervals)), noise, axes)
 
 

@@ -2,11 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
-from vsr2.campaign import Campaign, MeasurementNoise, Series
+from vsr2.campaign import MeasurementNoise, Series
 
 
 def channel_noise(series: Series, noise: MeasurementNoise, channel: str) -> float:
@@ -37,7 +37,11 @@ def travel_noise(series: Series, noise: MeasurementNoise) -> float:
     return channel_noise(series, noise, "position")
 
 
-def typical(campaign: Campaign, noise_of: Callable[[Series, MeasurementNoise], float]) -> float:
-    """Median over the trials that have a series; 0 where none has."""
-    found = [noise_of(t.series, campaign.noise) for t in campaign.trials if t.series is not None]
+def typical(
+    series: Sequence[Series],
+    noise: MeasurementNoise,
+    noise_of: Callable[[Series, MeasurementNoise], float],
+) -> float:
+    """Median over series, in the unit of the channel; 0 where there are none."""
+    found = [noise_of(one, noise) for one in series]
     return float(np.median(found)) if found else 0.0
